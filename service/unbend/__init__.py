@@ -1,0 +1,1 @@
+"""unbend: recognise shapes however they bend."""

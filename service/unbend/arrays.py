@@ -1,0 +1,21 @@
+"""Array types, and the one way arrays become immutable."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+
+
+def frozen(array: Any, dtype: Any) -> NDArray[Any]:
+    """Return `array` as a contiguous, read-only array of `dtype`; it is copied unless it is one already."""
+    result = np.ascontiguousarray(array, dtype=dtype)
+    if result.flags.writeable:
+        result = result.copy() if result is array or np.shares_memory(result, array) else result
+        result.flags.writeable = False
+    return result

@@ -1,0 +1,144 @@
+"""Every error unbend raises on purpose, in one tree.
+
+    UnbendError
+    ├── MeshError                 the mesh given cannot be used
+    │   ├── MeshFormatError       not a format we read
+    │   ├── MeshReadError         the file is damaged or incomplete
+    │   └── MeshGeometryError     it was read, but holds no usable surface
+    ├── ParameterError            an argument is out of its range
+    ├── StoreError                the library's store
+    │   ├── NotFoundError         no such record
+    │   └── StoreVersionError     the store was made by another version
+    ├── JobError                  why a job did not give a result
+    │   ├── JobTimeoutError       it ran longer than allowed
+    │   ├── JobMemoryError        it asked for more memory than allowed
+    │   ├── JobCancelledError     somebody cancelled it
+    │   └── WorkerLostError       its process died
+    ├── QueueFullError            too many jobs wait already
+    └── ServiceError              the service answered with a problem, or not at all
+
+`code` is the stable, lower-case name of an error for programs: it stands in failed jobs and in HTTP
+problem documents. `advice` says in one sentence what the caller can do.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class UnbendError(Exception):
+    """Base of all errors of this package."""
+
+    code: ClassVar[str] = "error"
+    advice: ClassVar[str] = ""
+
+
+class MeshError(UnbendError, ValueError):
+    """The mesh given cannot be used."""
+
+    code = "mesh_invalid"
+    advice = "Check the mesh in a viewer and export it again."
+
+
+class MeshFormatError(MeshError):
+    """The bytes are not of a format we read."""
+
+    code = "mesh_format"
+    advice = "Send a single off, obj, ply, stl or glb file."
+
+
+class MeshReadError(MeshError):
+    """The file is of a known format but damaged or incomplete."""
+
+    code = "mesh_read"
+    advice = "The file is damaged or incomplete: export it again."
+
+
+class MeshGeometryError(MeshError):
+    """The file was read but holds no usable surface."""
+
+    code = "mesh_geometry"
+    advice = "A surface needs finite coordinates and at least one triangle that has an area."
+
+
+class ParameterError(UnbendError, ValueError):
+    """An argument is out of its range."""
+
+    code = "parameter_invalid"
+    advice = "Correct the argument named in the message."
+
+
+class StoreError(UnbendError):
+    """The library's store cannot do what was asked."""
+
+    code = "store"
+
+
+class NotFoundError(StoreError, LookupError):
+    """There is no such record."""
+
+    code = "not_found"
+    advice = "Check the identifier; the record may have been deleted."
+
+
+class StoreVersionError(StoreError):
+    """The store was made by a version of unbend that this one cannot read."""
+
+    code = "store_version"
+    advice = "Open it with the version of unbend that made it, or a newer one."
+
+
+class JobError(UnbendError):
+    """A job did not give a result."""
+
+    code = "job_failed"
+
+
+class JobTimeoutError(JobError):
+    """A job ran longer than the service allows."""
+
+    code = "job_timeout"
+    advice = "Send a mesh with fewer vertices, ask for fewer samples, or raise UNBEND_JOB_SECONDS."
+
+
+class JobMemoryError(JobError):
+    """A job asked for more memory than the service allows."""
+
+    code = "job_memory"
+    advice = "Send a mesh with fewer vertices, or raise UNBEND_JOB_MEMORY_MB."
+
+
+class JobCancelledError(JobError):
+    """Somebody cancelled the job."""
+
+    code = "job_cancelled"
+    advice = "Submit the mesh again if it is still wanted."
+
+
+class WorkerLostError(JobError):
+    """The process that ran the job died, on every attempt."""
+
+    code = "worker_lost"
+    advice = "The mesh may need more memory than the machine has; if it is small, please report it."
+
+
+class QueueFullError(UnbendError):
+    """Too many jobs wait already; try again after `retry_after` seconds."""
+
+    code = "queue_full"
+    advice = "Wait as long as Retry-After says and send the request again."
+
+    def __init__(self, message: str, retry_after: int = 1) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
+
+
+class ServiceError(UnbendError):
+    """The service answered with a problem (RFC 9457), or could not be reached."""
+
+    code = "service"
+
+    def __init__(self, message: str, *, status: int | None = None, problem: dict[str, object] | None = None):
+        super().__init__(message)
+        self.status = status
+        self.problem = problem or {}

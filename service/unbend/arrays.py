@@ -13,9 +13,7 @@ Indices = NDArray[np.int64]
 
 
 def frozen(array: Any, dtype: Any) -> NDArray[Any]:
-    """Return `array` as a contiguous, read-only array of `dtype`; it is copied unless it is one already."""
-    result = np.ascontiguousarray(array, dtype=dtype)
-    if result.flags.writeable:
-        result = result.copy() if result is array or np.shares_memory(result, array) else result
-        result.flags.writeable = False
+    """Return `array` as a contiguous, read-only array of `dtype`; the caller's own array is never changed."""
+    result = np.array(array, dtype=dtype, order="C")
+    result.flags.writeable = False
     return result

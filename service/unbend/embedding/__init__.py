@@ -1,0 +1,1 @@
+"""Multidimensional scaling: classical, least squares and fast; the stress of eq. 2."""

@@ -1,0 +1,37 @@
+"""The stress of eq. 2 and the distances it compares."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.arrays import Floats
+from unbend.jit import kernel
+
+
+def stress(points: Floats, distances: Floats, weights: Floats | None = None) -> float:
+    """Stress of `points` (n, m) against `distances` (n, n), eq. 2: 0 for a perfect embedding.
+
+    sum_{i<j} w_ij (delta_ij - d_ij)^2 / sum_{i<j} delta_ij^2, with weights 1 by default. A set of points whose
+    distances are all zero has stress 0.
+    """
+    total = float((distances**2).sum()) / 2
+    raw = raw_stress(points, distances, weights if weights is not None else np.empty((0, 0)))
+    return raw / total if total > 0 else 0.0
+
+
+@kernel
+def raw_stress(points, distances, weights):  # type: ignore[no-untyped-def]
+    """Return the numerator of eq. 2 (eq. 7); empty `weights` (0, 0) stand for ones."""
+    count, dimensions = points.shape
+    weighted = weights.shape[0] > 0
+    total = 0.0
+    for i in range(count):
+        row = 0.0
+        for j in range(i):
+            squared = 0.0
+            for axis in range(dimensions):
+                squared += (points[i, axis] - points[j, axis]) ** 2
+            difference = distances[i, j] - np.sqrt(squared)
+            row += (weights[i, j] if weighted else 1.0) * difference * difference
+        total += row
+    return total

@@ -1,0 +1,111 @@
+"""Reading a mesh file: bytes or a path in, a checked `Surface` out."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import trimesh
+
+from unbend.arrays import Floats, Indices
+from unbend.errors import MeshError, MeshReadError
+from unbend.mesh.formats.detect import detect_format
+from unbend.mesh.formats.text import bare_obj, check_off
+from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.repair import repair
+from unbend.mesh.surface import Surface
+
+_PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj}
+_CHECK: dict[str, Callable[[bytes], None]] = {"off": check_off}
+
+
+def read_mesh(
+    source: bytes | str | Path | BinaryIO,
+    *,
+    file_type: str | None = None,
+    policy: MeshPolicy | None = None,
+) -> Surface:
+    """Read a mesh from a path, bytes or a binary file object.
+
+    Parameters
+    ----------
+    source : bytes, str, Path or binary file
+        Where the mesh is. The format is told by content; polygons are cut into triangles.
+    file_type : str, optional
+        "off", "obj", "ply", "stl" or "glb": used where the content does not tell. A path's own by default.
+    policy : MeshPolicy, optional
+        What to do with several components; keeps the largest by default.
+
+    Returns
+    -------
+    Surface
+        Vertices in the order of the file, none welded; those of stl, which has no shared vertices, are merged
+        where their coordinates are equal. `report` says what was found and done.
+
+    Raises
+    ------
+    MeshFormatError
+        If it is none of the formats above.
+    MeshReadError
+        If the file is damaged; the message says where.
+    MeshGeometryError
+        If it holds no usable surface.
+    OSError
+        If a path cannot be read.
+    """
+    data, hint = _bytes_of(source)
+    kind = detect_format(data, (file_type or hint).lower().lstrip("."))
+    vertices, faces = _parse(data, kind)
+    if kind == "stl":
+        vertices, faces = _weld(vertices, faces)
+    return repair(vertices, faces, file_type=kind, policy=policy)
+
+
+def _bytes_of(source: bytes | str | Path | BinaryIO) -> tuple[bytes, str]:
+    if isinstance(source, bytes):
+        return source, ""
+    if isinstance(source, str | Path):
+        path = Path(source)
+        return path.read_bytes(), path.suffix
+    return source.read(), ""
+
+
+def _parse(data: bytes, kind: str) -> tuple[Floats, Indices]:
+    if kind in _CHECK:
+        _CHECK[kind](data)
+    data = _PREPARE[kind](data) if kind in _PREPARE else data
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # NumPy's word for numbers cut short
+            warnings.simplefilter("ignore", RuntimeWarning)
+            loaded = _load(data, kind)
+    except MeshError:
+        raise
+    except MemoryError:
+        raise
+    except Exception as error:  # a damaged file fails in trimesh in as many ways as there are damages
+        raise MeshReadError(f"the {kind} file is damaged or incomplete") from error
+    vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), dtype=np.float64)
+    faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.int64)
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def _load(data: bytes, kind: str) -> Any:
+    # Processing off: nothing is welded, dropped or reordered. A glb's nodes are placed by their transforms.
+    scene = trimesh.load_scene(
+        io.BytesIO(data), file_type=kind, process=False, maintain_order=True, skip_materials=True, fix_texture=False
+    )
+    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
+    if not parts:
+        raise MeshReadError(f"the {kind} file holds no triangles")
+    return parts[0] if len(parts) == 1 else trimesh.util.concatenate(parts)
+
+
+def _weld(vertices: Floats, faces: Indices) -> tuple[Floats, Indices]:
+    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))  # keep the order in which vertices first appear
+    return vertices[np.sort(first)], rank[inverse.reshape(-1)][faces]

@@ -1,1 +1,77 @@
-"""unbend: recognise shapes however they bend."""
+"""unbend: recognise shapes however they bend.
+
+The names below are the public ones. They are loaded when first used, so that `import unbend` costs nothing:
+no web framework, no database, no compiler.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from unbend.client import AsyncClient, Client
+    from unbend.embedding.embed import Embedding, embed
+    from unbend.errors import UnbendError
+    from unbend.geodesics.distances import geodesic_distances, geodesic_matrix
+    from unbend.geodesics.sampling import farthest_point_sampling
+    from unbend.library import Library
+    from unbend.matching.measures import compare
+    from unbend.mesh.policy import MeshPolicy
+    from unbend.mesh.read import read_mesh
+    from unbend.mesh.surface import Surface
+    from unbend.signature.parameters import Parameters
+    from unbend.signature.pipeline import compute_signature
+    from unbend.signature.signature import Signature
+
+_HOMES = {
+    "AsyncClient": "unbend.client",
+    "Client": "unbend.client",
+    "Embedding": "unbend.embedding.embed",
+    "Library": "unbend.library",
+    "MeshPolicy": "unbend.mesh.policy",
+    "Parameters": "unbend.signature.parameters",
+    "Signature": "unbend.signature.signature",
+    "Surface": "unbend.mesh.surface",
+    "UnbendError": "unbend.errors",
+    "compare": "unbend.matching.measures",
+    "compute_signature": "unbend.signature.pipeline",
+    "embed": "unbend.embedding.embed",
+    "farthest_point_sampling": "unbend.geodesics.sampling",
+    "geodesic_distances": "unbend.geodesics.distances",
+    "geodesic_matrix": "unbend.geodesics.distances",
+    "read_mesh": "unbend.mesh.read",
+}
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AsyncClient",
+    "Client",
+    "Embedding",
+    "Library",
+    "MeshPolicy",
+    "Parameters",
+    "Signature",
+    "Surface",
+    "UnbendError",
+    "compare",
+    "compute_signature",
+    "embed",
+    "farthest_point_sampling",
+    "geodesic_distances",
+    "geodesic_matrix",
+    "read_mesh",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'unbend' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -7,6 +7,8 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from unbend.arrays import Floats, frozen
 from unbend.embedding.classical import classical_scaling
@@ -98,6 +100,8 @@ def _checked_weights(weights: ArrayLike, count: int) -> Floats:
         raise ParameterError(f"weights must be {(count, count)} like distances, not {matrix.shape}")
     if not np.isfinite(matrix).all() or matrix.min() < 0:
         raise ParameterError("weights must be finite and not negative")
+    if connected_components(csr_array(matrix), directed=False)[0] > 1:
+        raise ParameterError("the pairs with a weight must connect all points")
     return matrix
 
 

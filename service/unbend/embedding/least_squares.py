@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.arrays import Floats
-from unbend.embedding.stress import raw_stress
 from unbend.jit import kernel
 from unbend.tolerances import SMACOF_DECREASE, SMACOF_ITERATIONS
 
@@ -47,16 +46,16 @@ def smacof(
     """
     w = _ONES if weights is None else weights
     inverse = None if weights is None else _laplacian_inverse(weights)
-    points = start - start.mean(axis=0)
-    value = raw_stress(points, distances, w)
+    axes = np.ascontiguousarray(start.T)
+    moved, value = _guttman(axes, distances, w)
     made = 0
     for made in range(1, iterations + 1):
-        moved = _guttman(points, distances, w)
-        points = moved / len(points) if inverse is None else inverse @ moved  # eq. 9, eq. 8
-        previous, value = value, raw_stress(points, distances, w)
+        axes = moved / len(start) if inverse is None else moved @ inverse  # eq. 9, eq. 8
+        previous = value
+        moved, value = _guttman(axes, distances, w)
         if previous - value <= decrease * previous:
             break
-    return points, made
+    return np.ascontiguousarray(axes.T), made
 
 
 def _laplacian_inverse(weights: Floats) -> Floats:
@@ -68,20 +67,31 @@ def _laplacian_inverse(weights: Floats) -> Floats:
 
 
 @kernel
-def _guttman(points, distances, weights):  # type: ignore[no-untyped-def]
-    """Return B(Z) Z, row by row: row i is sum_j w_ij delta_ij / d_ij (z_i - z_j), without any n x n matrix."""
-    count, dimensions = points.shape
+def _guttman(axes, distances, weights):  # type: ignore[no-untyped-def]
+    """Return B(Z) Z and the raw stress of Z (eq. 7), for Z given as (m, n), without any n x n matrix.
+
+    Column j of B(Z) Z is sum_i w_ij delta_ij / d_ij (z_j - z_i). The inner loops run over j and add nothing up
+    within themselves, so they are vectorised and yet round in one fixed order.
+    """
+    dimensions, count = axes.shape
     weighted = weights.shape[0] > 0
-    result = np.zeros((count, dimensions))
+    result = np.zeros((dimensions, count))
+    loss = np.zeros(count)
+    ratio = np.empty(count)
     for i in range(count):
+        ratio[:] = 0.0
+        for axis in range(dimensions):
+            here = axes[axis, i]
+            for j in range(count):
+                ratio[j] += (axes[axis, j] - here) ** 2
         for j in range(count):
-            squared = 0.0
-            for axis in range(dimensions):
-                squared += (points[i, axis] - points[j, axis]) ** 2
-            if squared > 0.0:
-                ratio = distances[i, j] / np.sqrt(squared)
-                if weighted:
-                    ratio *= weights[i, j]
-                for axis in range(dimensions):
-                    result[i, axis] += ratio * (points[i, axis] - points[j, axis])
-    return result
+            distance = np.sqrt(ratio[j])
+            given = distances[i, j]
+            weight = weights[i, j] if weighted else 1.0
+            loss[j] += weight * (given - distance) ** 2
+            ratio[j] = weight * given / distance if distance > 0.0 else 0.0
+        for axis in range(dimensions):
+            here = axes[axis, i]
+            for j in range(count):
+                result[axis, j] += ratio[j] * (axes[axis, j] - here)
+    return result, 0.5 * loss.sum()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -18,6 +20,9 @@ from unbend.geodesics.stencils import Stencils, build_stencils
 from unbend.mesh.surface import Surface
 
 Update = Literal["spherical", "planar"]
+Progress = Callable[[float], None]
+
+_BLOCKS_PER_THREAD = 8  # enough to even out slow rows and to show progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +82,14 @@ def geodesic_matrix(
 
 
 def sampled_matrix(
-    stencils: Stencils, samples: Ints, update: Update = "spherical", threads: int | None = None
+    stencils: Stencils,
+    samples: Ints,
+    update: Update = "spherical",
+    threads: int | None = None,
+    progress: Progress | None = None,
 ) -> GeodesicMatrix:
     """Return the matrix of `geodesic_matrix` from stencils already built, with its asymmetry."""
-    rows = distance_rows(stencils, samples, samples, update, threads)
+    rows = distance_rows(stencils, samples, samples, update, threads, progress)
     with np.errstate(invalid="ignore"):  # inf - inf between components
         difference = np.abs(rows - rows.T)
     finite = np.isfinite(difference)
@@ -90,11 +99,17 @@ def sampled_matrix(
 
 
 def distance_rows(
-    stencils: Stencils, sources: Ints, columns: Ints | None, update: Update, threads: int | None
+    stencils: Stencils,
+    sources: Ints,
+    columns: Ints | None,
+    update: Update,
+    threads: int | None,
+    progress: Progress | None = None,
 ) -> Floats:
     """Return distances from `sources` to `columns`, or to every vertex, (k, len(columns)).
 
-    Sources are dealt to threads in equal, contiguous shares; each row is a computation of its own.
+    Threads take blocks of sources as they become free; each row is a computation of its own, so who computes
+    it does not show. `progress` is told the share of rows done.
     """
     if update not in get_args(Update):
         raise ParameterError(f"update must be one of {get_args(Update)}, not {update!r}")
@@ -103,21 +118,33 @@ def distance_rows(
     count = stencils.vertex_count
     places = stencils.place if columns is None else stencils.place[columns]
     rows = np.empty((len(sources), len(places)))
-    shares = min(threads or available_cores(), len(sources))
-    bounds = np.linspace(0, len(sources), shares + 1).astype(int)
 
-    def run(start: int, stop: int) -> None:
+    def run(block: slice) -> int:
         march_rows(
-            stencils.offsets, stencils.entries, stencils.place[sources[start:stop]], places, update == "spherical",
-            rows[start:stop], np.empty(count), np.empty(count, np.int32), *heap_arrays(count),
+            stencils.offsets, stencils.entries, stencils.place[sources[block]], places, update == "spherical",
+            rows[block], np.empty(count), np.empty(count, np.int32), *heap_arrays(count),
         )  # fmt: skip
+        return block.stop
 
-    if shares == 1:
-        run(0, len(sources))
+    workers = min(threads or available_cores(), len(sources))
+    blocks = _blocks(len(sources), workers)
+    if workers == 1:
+        _drain(map(run, blocks), len(sources), progress)
     else:
-        with ThreadPoolExecutor(shares) as pool:
-            list(pool.map(run, bounds[:-1], bounds[1:]))
+        with ThreadPoolExecutor(workers) as pool:
+            _drain(pool.map(run, blocks), len(sources), progress)
     return rows
+
+
+def _blocks(count: int, workers: int) -> list[slice]:
+    bounds = np.linspace(0, count, min(count, _BLOCKS_PER_THREAD * workers) + 1).astype(int)
+    return [slice(int(start), int(stop)) for start, stop in pairwise(bounds)]
+
+
+def _drain(stops: Iterator[int], total: int, progress: Progress | None) -> None:
+    for stop in stops:
+        if progress:
+            progress(stop / total)
 
 
 def available_cores() -> int:

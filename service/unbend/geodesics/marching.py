@@ -59,11 +59,12 @@ def march(offsets, entries, source, spherical, distance, owner, label, keys, ite
             if owner[target] == label or distance[target] <= ua:
                 continue
             x, y, c = entry.x, entry.y, entry.c
-            candidate = ua + np.sqrt(x * x + y * y)
+            candidate = np.inf
             if owner[entry.other] == label and c > 0.0:
                 ub = distance[entry.other]
-                through = _spherical(ua, ub, c, x, y) if spherical else _planar(ua, ub, c, x, y)
-                candidate = min(candidate, through)
+                candidate = _spherical(ua, ub, c, x, y) if spherical else _planar(ua, ub, c, x, y)
+            if candidate == np.inf:  # the way along the edge; one through the triangle is never longer
+                candidate = ua + np.sqrt(x * x + y * y)
             if candidate < distance[target]:
                 distance[target] = candidate
                 size = push_or_decrease(keys, items, position, size, target, candidate)

@@ -1,0 +1,1 @@
+"""Descriptors: the vectors that stand for a signature when shapes are compared."""

@@ -1,0 +1,1 @@
+"""Comparing signatures: measures, ranking, nearest class, retrieval figures."""

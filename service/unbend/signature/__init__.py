@@ -1,0 +1,1 @@
+"""From a surface to its bending-invariant signature: parameters, pipeline, the signature surface."""

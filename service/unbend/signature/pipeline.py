@@ -1,0 +1,115 @@
+"""The one way from a surface to its signature: sample, march, embed, pose, describe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from unbend.arrays import Floats, Ints
+from unbend.descriptors.moments import moments
+from unbend.descriptors.pose import principal_pose
+from unbend.embedding.embed import embed
+from unbend.errors import MeshGeometryError
+from unbend.geodesics.distances import sampled_matrix
+from unbend.geodesics.sampling import sample_farthest
+from unbend.geodesics.stencils import build_stencils
+from unbend.mesh.surface import Surface
+from unbend.signature.connectivity import voronoi_dual
+from unbend.signature.parameters import Parameters
+from unbend.signature.signature import Signature
+
+Progress = Callable[[str, float], None]
+"""Called with a stage's name and the share of the whole that is done, 0 to 1."""
+
+# Where each stage begins, as a share of the whole. The distance rows are nearly all of the work.
+_SAMPLING, _GEODESICS, _EMBEDDING, _DESCRIBING = 0.02, 0.1, 0.85, 0.98
+
+
+def compute_signature(
+    surface: Surface,
+    parameters: Parameters | None = None,
+    *,
+    progress: Progress | None = None,
+    threads: int | None = None,
+) -> Signature:
+    """Compute the bending-invariant signature of `surface` (Elad & Kimmel 2003, section 2).
+
+    Parameters
+    ----------
+    surface : Surface
+        Its faces must hang together; `read_mesh` sees to that.
+    parameters : Parameters, optional
+        Defaults as `Parameters()` has them.
+    progress : callable, optional
+        Called as progress(stage, share) while the work goes on.
+    threads : int, optional
+        For the distance rows; all cores by default. The result does not depend on it.
+
+    Returns
+    -------
+    Signature
+        The same for the same input, on every run.
+
+    Raises
+    ------
+    MeshGeometryError
+        If the surface has no area, or its faces do not hang together.
+    ParameterError
+        If `threads` is below 1.
+    """
+    chosen = parameters or Parameters()
+    report = progress or (lambda _stage, _share: None)
+    if not surface.area > 0:
+        raise MeshGeometryError("every face has zero area")
+
+    report("sampling", _SAMPLING)
+    stencils = build_stencils(surface)
+    count = min(chosen.samples, len(np.unique(surface.faces)))
+    sampling = sample_farthest(surface, stencils, count)
+
+    def report_rows(share: float) -> None:
+        report("geodesics", _GEODESICS + share * (_EMBEDDING - _GEODESICS))
+
+    report_rows(0.0)
+    samples = sampling.samples.astype(np.int32)
+    matrix = sampled_matrix(stencils, samples, chosen.update, threads, report_rows)
+    if not np.isfinite(matrix.distances).all():
+        raise MeshGeometryError("the faces do not hang together: keep one component")
+
+    report("embedding", _EMBEDDING)
+    embedding = embed(matrix.distances, chosen.dimensions, method=chosen.method)
+
+    report("describing", _DESCRIBING)
+    weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)
+    posed = principal_pose(embedding.points, weights)
+    scale = _scale(posed, surface.area, chosen)
+    points = posed / scale
+    return Signature(
+        points=points,
+        faces=voronoi_dual(surface.faces, sampling.nearest),
+        samples=sampling.samples,
+        weights=weights / weights.sum(),
+        scale=scale,
+        stress=embedding.stress,
+        asymmetry=matrix.asymmetry,
+        descriptors={"moments": moments(points, weights), "surface_moments": _surface_moments(surface)},
+        parameters=chosen,
+    )
+
+
+def _cell_areas(vertex_areas: Floats, nearest: Ints, count: int) -> Floats:
+    reached = nearest >= 0
+    return np.bincount(nearest[reached], vertex_areas[reached], minlength=count)
+
+
+def _scale(posed: Floats, area: float, parameters: Parameters) -> float:
+    if parameters.scaling == "area":
+        return float(np.sqrt(area))
+    return float(np.ptp(posed, axis=0).max())
+
+
+def _surface_moments(surface: Surface) -> Floats:
+    used = np.unique(surface.faces)
+    areas = surface.vertex_areas[used]
+    return moments(principal_pose(surface.vertices[used], areas) / np.sqrt(surface.area), areas)

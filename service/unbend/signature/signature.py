@@ -1,0 +1,55 @@
+"""The value this project is about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats, Indices, Ints, frozen
+from unbend.signature.parameters import Parameters
+
+ALGORITHM_VERSION: Final = "1"
+"""Changes whenever the same mesh and parameters would give other numbers; stored signatures carry it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """A bending-invariant signature: samples of a surface, placed so that straight lines stand for geodesics."""
+
+    points: Floats
+    """Canonical coordinates of the samples, (k, m), in the unit that `parameters.scaling` names."""
+    faces: Ints
+    """Triangles between samples, (f, 3): the dual of their geodesic Voronoi diagram."""
+    samples: Indices
+    """Vertex of the surface that each point is, (k,)."""
+    weights: Floats
+    """Share of the surface's area nearest to each sample, (k,); they sum to 1."""
+    scale: float
+    """Length in the surface's own unit that is 1 in `points`."""
+    stress: float
+    """Eq. 2: how far the points are from having exactly the geodesic distances."""
+    asymmetry: float
+    """Largest difference between the two directions of a marched distance, over the largest distance."""
+    descriptors: dict[str, Floats] = field(repr=False)
+    """Vectors for comparing, by measure."""
+    parameters: Parameters = Parameters()
+    version: str = ALGORITHM_VERSION
+
+    def __post_init__(self) -> None:
+        kinds = {"points": np.float64, "faces": np.int32, "samples": np.int64, "weights": np.float64}
+        for name, kind in kinds.items():
+            object.__setattr__(self, name, frozen(getattr(self, name), kind))
+        vectors = {name: frozen(vector, np.float64) for name, vector in self.descriptors.items()}
+        object.__setattr__(self, "descriptors", vectors)
+
+    @property
+    def moments(self) -> Floats:
+        """Second and third order moments of the signature, (13,) in three dimensions."""
+        return self.descriptors["moments"]
+
+    @property
+    def surface_moments(self) -> Floats:
+        """The same moments of the surface as it stands in space, not bending-invariant: for comparison."""
+        return self.descriptors["surface_moments"]

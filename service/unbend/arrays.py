@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
+Ints = NDArray[np.signedinteger[Any]]  # int32 where kernels take them; docstrings say which
 Indices = NDArray[np.int64]
+Bools = NDArray[np.bool]
 
 
 def frozen(array: Any, dtype: Any) -> NDArray[Any]:

@@ -14,6 +14,7 @@
     │   ├── JobMemoryError        it asked for more memory than allowed
     │   ├── JobCancelledError     somebody cancelled it
     │   └── WorkerLostError       its process died
+    ├── UploadTooLargeError       more bytes than the service takes
     ├── QueueFullError            too many jobs wait already
     └── ServiceError              the service answered with a problem, or not at all
 
@@ -120,6 +121,13 @@ class WorkerLostError(JobError):
 
     code = "worker_lost"
     advice = "The mesh may need more memory than the machine has; if it is small, please report it."
+
+
+class UploadTooLargeError(UnbendError):
+    """A request has more bytes than the service takes."""
+
+    code = "upload_too_large"
+    advice = "Send a smaller file, or raise UNBEND_MAX_UPLOAD_MB."
 
 
 class QueueFullError(UnbendError):

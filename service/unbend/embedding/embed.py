@@ -40,7 +40,11 @@ class Embedding:
 
 
 def embed(
-    distances: ArrayLike, dimensions: int = 3, *, method: Method = "least_squares", weights: ArrayLike | None = None
+    distances: ArrayLike,
+    dimensions: int = 3,
+    *,
+    method: Method = "least_squares",
+    weights: ArrayLike | None = None,
 ) -> Embedding:
     """Embed points in `dimensions` dimensions so that their distances are near those given.
 
@@ -65,7 +69,7 @@ def embed(
         If an argument is not as described.
     """
     matrix = _checked_distances(distances)
-    if not isinstance(dimensions, int | np.integer) or dimensions < 1:
+    if dimensions < 1 or dimensions != int(dimensions):
         raise ParameterError(f"dimensions must be a whole number from 1, not {dimensions!r}")
     if method not in get_args(Method):
         raise ParameterError(f"method must be one of {get_args(Method)}, not {method!r}")

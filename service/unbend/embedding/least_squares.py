@@ -49,7 +49,7 @@ def smacof(
     axes = np.ascontiguousarray(start.T)
     moved, value = _guttman(axes, distances, w)
     made = 0
-    for made in range(1, iterations + 1):
+    for made in range(1, iterations + 1):  # noqa: B007
         axes = moved / len(start) if inverse is None else moved @ inverse  # eq. 9, eq. 8
         previous = value
         moved, value = _guttman(axes, distances, w)
@@ -67,7 +67,7 @@ def _laplacian_inverse(weights: Floats) -> Floats:
 
 
 @kernel
-def _guttman(axes, distances, weights):  # type: ignore[no-untyped-def]
+def _guttman(axes, distances, weights):
     """Return B(Z) Z and the raw stress of Z (eq. 7), for Z given as (m, n), without any n x n matrix.
 
     Column j of B(Z) Z is sum_i w_ij delta_ij / d_ij (z_j - z_i). The inner loops run over j and add nothing up

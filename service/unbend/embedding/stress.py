@@ -20,7 +20,7 @@ def stress(points: Floats, distances: Floats, weights: Floats | None = None) -> 
 
 
 @kernel
-def raw_stress(points, distances, weights):  # type: ignore[no-untyped-def]
+def raw_stress(points, distances, weights):
     """Return the numerator of eq. 2 (eq. 7); empty `weights` (0, 0) stand for ones."""
     count, dimensions = points.shape
     weighted = weights.shape[0] > 0

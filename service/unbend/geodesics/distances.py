@@ -78,7 +78,9 @@ def geodesic_matrix(
         The smaller of both directions, for fast marching is not exactly symmetric and errs on the long side
         (against exact geodesics the smaller is nearer than the mean); inf between components.
     """
-    return sampled_matrix(build_stencils(surface), check_vertices(surface, samples, "samples"), update, threads).distances
+    return sampled_matrix(
+        build_stencils(surface), check_vertices(surface, samples, "samples"), update, threads
+    ).distances
 
 
 def sampled_matrix(
@@ -124,7 +126,7 @@ def distance_rows(
             stencils.offsets, stencils.entries, stencils.place[sources[block]], places, update == "spherical",
             rows[block], np.empty(count), np.empty(count, np.int32), *heap_arrays(count),
         )  # fmt: skip
-        return block.stop
+        return int(block.stop)
 
     workers = min(threads or available_cores(), len(sources))
     blocks = _blocks(len(sources), workers)

@@ -11,7 +11,7 @@ ARITY = 4
 
 
 @kernel
-def push_or_decrease(keys, items, position, size, item, key):  # type: ignore[no-untyped-def]
+def push_or_decrease(keys, items, position, size, item, key):
     """Insert `item` or lower its key; return the new size."""
     slot = position[item]
     if slot < 0:
@@ -32,7 +32,7 @@ def push_or_decrease(keys, items, position, size, item, key):  # type: ignore[no
 
 
 @kernel
-def pop(keys, items, position, size):  # type: ignore[no-untyped-def]
+def pop(keys, items, position, size):
     """Remove the item with the smallest key; return it and the new size."""
     top = items[0]
     position[top] = -1

@@ -9,7 +9,7 @@ from unbend.jit import inlined, kernel
 
 
 @inlined
-def _planar(ua, ub, c, x, y):  # type: ignore[no-untyped-def]
+def _planar(ua, ub, c, x, y):
     """Distance of C from a plane front through A and B (Kimmel & Sethian 1998), inf if it comes from outside.
 
     The front's unit gradient g has g . (B - A) = ub - ua; the ray back from C must meet the segment AB.
@@ -25,7 +25,7 @@ def _planar(ua, ub, c, x, y):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _spherical(ua, ub, c, x, y):  # type: ignore[no-untyped-def]
+def _spherical(ua, ub, c, x, y):
     """Distance of C from the virtual point source that is ua from A and ub from B (Novotni & Klein 2002).
 
     The source is unfolded to (sx, -sy) below AB; the segment from it to C must meet AB, otherwise inf.
@@ -40,7 +40,7 @@ def _spherical(ua, ub, c, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def march(offsets, entries, source, spherical, distance, owner, label, keys, items, position):  # type: ignore[no-untyped-def]
+def march(offsets, entries, source, spherical, distance, owner, label, keys, items, position):
     """March from `source` and lower `distance` wherever the front improves it; it stops where it does not.
 
     With `distance` all inf this is plain fast marching. With the distances to earlier sources it visits only
@@ -71,7 +71,7 @@ def march(offsets, entries, source, spherical, distance, owner, label, keys, ite
 
 
 @kernel
-def march_rows(offsets, entries, sources, columns, spherical, rows, distance, owner, keys, items, position):  # type: ignore[no-untyped-def]
+def march_rows(offsets, entries, sources, columns, spherical, rows, distance, owner, keys, items, position):
     """March from each of `sources` in turn and keep the distances at `columns` in `rows` (k, len(columns))."""
     for row in range(len(sources)):
         distance[:] = np.inf

@@ -68,7 +68,7 @@ def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: 
 
 
 @kernel
-def _farthest(distance, usable):  # type: ignore[no-untyped-def]
+def _farthest(distance, usable):
     best = -1
     for vertex in range(len(distance)):
         if usable[vertex] and (best < 0 or distance[vertex] > distance[best]):
@@ -77,7 +77,7 @@ def _farthest(distance, usable):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _sample_from(offsets, entries, usable, first, count, distance, owner, keys, items, position):  # type: ignore[no-untyped-def]
+def _sample_from(offsets, entries, usable, first, count, distance, owner, keys, items, position):
     samples = np.empty(count, np.int32)
     free = usable.copy()
     vertex = first

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from unbend.arrays import Floats, Indices, Ints
+from unbend.arrays import Indices, Ints
 from unbend.jit import inlined, kernel
 from unbend.mesh.surface import Surface
 from unbend.mesh.topology import find_edges
@@ -80,7 +80,7 @@ def _reverse_cuthill_mckee(faces: Ints, count: int) -> Ints:
 
 
 @inlined
-def _length(vertices, a, b):  # type: ignore[no-untyped-def]
+def _length(vertices, a, b):
     dx = vertices[a, 0] - vertices[b, 0]
     dy = vertices[a, 1] - vertices[b, 1]
     dz = vertices[a, 2] - vertices[b, 2]
@@ -88,7 +88,7 @@ def _length(vertices, a, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _apex(length_a, length_b, base):  # type: ignore[no-untyped-def]
+def _apex(length_a, length_b, base):
     """Place a triangle's third corner over its base from (0, 0) to (base, 0): the law of cosines."""
     if base <= 0.0:
         return 0.0, length_a
@@ -97,7 +97,7 @@ def _apex(length_a, length_b, base):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _emit(triggers, entries, used, a, b, target, base, x, y):  # type: ignore[no-untyped-def]
+def _emit(triggers, entries, used, a, b, target, base, x, y):
     """Write the entry of the wedge (a, b) -> target, seen from a and, mirrored, from b."""
     for end in range(2):
         triggers[used + end] = b if end else a
@@ -111,7 +111,7 @@ def _emit(triggers, entries, used, a, b, target, base, x, y):  # type: ignore[no
 
 
 @kernel
-def _split(vertices, faces, twins, half_edge, ax, ay, bx, by, steps):  # type: ignore[no-untyped-def]
+def _split(vertices, faces, twins, half_edge, ax, ay, bx, by, steps):
     """Unfold over `half_edge` until a vertex lies in the cone that splits the obtuse angle at the origin.
 
     C is at the origin, the ends of the edge at (ax, ay) and (bx, by), with b counter-clockwise of a. Returns
@@ -154,7 +154,7 @@ def _split(vertices, faces, twins, half_edge, ax, ay, bx, by, steps):  # type: i
 
 
 @kernel
-def _fill(vertices, faces, twins, triggers, entries, steps):  # type: ignore[no-untyped-def]
+def _fill(vertices, faces, twins, triggers, entries, steps):
     used = 0
     for half_edge in range(3 * len(faces)):
         face, corner = half_edge // 3, half_edge % 3

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from unbend.arrays import Floats
+from unbend.arrays import Bools, Floats, Ints
 from unbend.errors import ParameterError
 
 E_MEASURE_RANK: Final = 32
@@ -66,13 +66,13 @@ def nearest_class_accuracy(nearest: Sequence[str | None], labels: Sequence[str])
     return sum(found == label for found, label in zip(nearest, labels, strict=True)) / len(labels)
 
 
-def _relevance(row: Floats, classes: Floats, query: int) -> Floats:
+def _relevance(row: Floats, classes: Ints, query: int) -> Bools:
     order = np.argsort(row, kind="stable")
     order = order[order != query]
-    return classes[order] == classes[query]
+    return np.asarray(classes[order] == classes[query])
 
 
-def _query_figures(relevant: Floats) -> tuple[float, ...]:
+def _query_figures(relevant: Bools) -> tuple[float, ...]:
     size = int(relevant.sum())
     ranks = np.arange(1, len(relevant) + 1)
     found = np.cumsum(relevant)

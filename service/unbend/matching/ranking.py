@@ -65,6 +65,4 @@ def is_known(gallery: Gallery, measure: Measure, best: ClassMatch | None) -> boo
 
 def class_spread(members: Floats, measure: Measure) -> float:
     """Return the largest distance from a member (row of `members`) to its nearest other member."""
-    return max(
-        float(np.delete(measure.distances(member, members), row).min()) for row, member in enumerate(members)
-    )
+    return max(float(np.delete(measure.distances(member, members), row).min()) for row, member in enumerate(members))

@@ -97,7 +97,12 @@ def _parse(data: bytes, kind: str) -> tuple[Floats, Indices]:
 def _load(data: bytes, kind: str) -> Any:
     # Processing off: nothing is welded, dropped or reordered. A glb's nodes are placed by their transforms.
     scene = trimesh.load_scene(
-        io.BytesIO(data), file_type=kind, process=False, maintain_order=True, skip_materials=True, fix_texture=False
+        io.BytesIO(data),
+        file_type=kind,
+        process=False,
+        maintain_order=True,
+        skip_materials=True,
+        fix_texture=False,
     )
     parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     if not parts:

@@ -27,4 +27,4 @@ def voronoi_dual(faces: Ints, nearest: Ints) -> Ints:
     a, b, c = corners.T
     dual = corners[(a != b) & (b != c) & (a != c) & (corners >= 0).all(axis=1)]
     _, first = np.unique(np.sort(dual, axis=1), axis=0, return_index=True)
-    return dual[np.sort(first)]
+    return np.asarray(dual[np.sort(first)])

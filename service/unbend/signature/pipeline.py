@@ -100,7 +100,7 @@ def compute_signature(
 
 def _cell_areas(vertex_areas: Floats, nearest: Ints, count: int) -> Floats:
     reached = nearest >= 0
-    return np.bincount(nearest[reached], vertex_areas[reached], minlength=count)
+    return np.bincount(nearest[reached], vertex_areas[reached], minlength=count).astype(np.float64)
 
 
 def _scale(posed: Floats, area: float, parameters: Parameters) -> float:

@@ -34,7 +34,7 @@ class Signature:
     """Largest difference between the two directions of a marched distance, over the largest distance."""
     descriptors: dict[str, Floats] = field(repr=False)
     """Vectors for comparing, by measure."""
-    parameters: Parameters = Parameters()
+    parameters: Parameters = field(default_factory=Parameters)
     version: str = ALGORITHM_VERSION
 
     def __post_init__(self) -> None:

@@ -49,7 +49,7 @@ def check_off(data: bytes) -> None:
     if vertices < 0 or faces < 0:
         raise MeshReadError(f"line {number}: a count is negative")
     found = 0
-    for found, (number, line) in enumerate(lines, start=1):  # noqa: B007
+    for found, (number, line) in enumerate(lines, start=1):
         if found <= vertices:
             _numbers(line.split()[:_VERTEX_FIELDS], number, line)
         elif found <= vertices + faces:
@@ -63,9 +63,7 @@ def check_off(data: bytes) -> None:
 
 def _obj_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
     for number, line in enumerate(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines(), start=1):
-        if line[:2] in (b"v ", b"v\t", b"f ", b"f\t"):
-            yield number, line
-        elif line[:1] in b" \t" and line.split()[:1] in ([b"v"], [b"f"]):
+        if line[:2] in (b"v ", b"v\t", b"f ", b"f\t") or (line[:1] in b" \t" and line.split()[:1] in ([b"v"], [b"f"])):
             yield number, line
 
 

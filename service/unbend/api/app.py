@@ -1,0 +1,64 @@
+"""Putting the service together."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import APIRouter, FastAPI
+from fastapi.responses import RedirectResponse
+from fastapi_offline import FastAPIOffline
+
+from unbend import __version__
+from unbend.api import problems
+from unbend.api.limits import BodyLimit
+from unbend.api.openapi import install_schema
+from unbend.api.routes import classes, health, jobs, queries, shapes
+from unbend.api.service import Service
+from unbend.api.settings import Settings
+from unbend.jobs import JobRunner
+from unbend.library import Library
+
+_DESCRIPTION = """Recognise shapes however they bend.
+
+Upload meshes with `POST /v1/shapes`; each gets a *bending-invariant signature* (Elad & Kimmel, PAMI 2003).
+Ask `POST /v1/queries` what a mesh is and which stored shapes are like it, whatever their pose.
+"""
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Return the service as an ASGI application.
+
+    The library is opened, and workers started, when the application starts up. /docs and /redoc need nothing
+    from elsewhere.
+    """
+    chosen = settings or Settings()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        library = Library(chosen.library)
+        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits)
+        app.state.service = Service(chosen, library, runner)
+        await runner.start()
+        try:
+            yield
+        finally:
+            await runner.stop()
+            library.close()
+
+    app = FastAPIOffline(
+        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
+    )
+    api = APIRouter(prefix="/v1")
+    for room in (shapes, jobs, queries, classes, health):
+        api.include_router(room.router)
+    app.include_router(api)
+    app.add_api_route("/", _to_docs, include_in_schema=False)
+    app.add_middleware(BodyLimit, limit=chosen.max_upload_mb * 2**20)
+    problems.install(app)
+    install_schema(app)
+    return app
+
+
+async def _to_docs() -> RedirectResponse:
+    return RedirectResponse("/docs")

@@ -1,0 +1,170 @@
+"""What the service takes and answers, as OpenAPI documents it."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from unbend.library.records import JobRecord, ShapeRecord
+from unbend.matching.measures import DEFAULT_MEASURE
+
+_ID = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
+
+
+class Shape(BaseModel):
+    """A member of the library."""
+
+    id: str = Field(examples=[_ID])
+    name: str = Field(examples=["cat-03"])
+    label: str | None = Field(description="The class it is known to belong to.", examples=["cat"])
+    metadata: dict[str, Any] = Field(examples=[{"scanner": "A", "year": 2026}])
+    sha256: str = Field(description="Of the file that was uploaded.")
+    size: int = Field(description="Bytes of that file.", examples=[20480])
+    parameters: dict[str, Any] = Field(description="What the signature was computed with.")
+    version: str = Field(description="Of the algorithm; signatures of different versions are not compared.")
+    area: float = Field(description="Of the surface, in squared units of the file.")
+    stress: float = Field(description="Eq. 2 of the paper: 0 where the signature has exactly the geodesic distances.")
+    report: dict[str, Any] = Field(description="What reading the mesh found and repaired; `notes` in plain words.")
+    created_at: datetime
+
+    @classmethod
+    def of(cls, record: ShapeRecord) -> Self:
+        """Make the answer for a stored shape."""
+        return cls.model_validate(record, from_attributes=True)
+
+
+class ShapePage(BaseModel):
+    """Shapes in the order they were added."""
+
+    items: list[Shape]
+    next_cursor: str | None = Field(description="Give it as `cursor` to get the next page; null on the last.")
+
+
+class ShapeChanges(BaseModel):
+    """What to change of a shape; members left out stay."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"label": "cat"}]})
+
+    name: str = Field("", min_length=1, max_length=200)
+    label: str | None = Field(None, min_length=1, max_length=200)
+    metadata: dict[str, Any] = Field(default_factory=dict)
+
+
+class JobError(BaseModel):
+    """Why a job failed."""
+
+    code: str = Field(description="A stable name for programs.", examples=["mesh_read"])
+    message: str = Field(examples=["line 17: three coordinates expected, found '0.1 0.2'"])
+    advice: str = ""
+
+
+class ClassMatch(BaseModel):
+    """A class, as far from the query as its nearest member."""
+
+    label: str = Field(examples=["cat"])
+    distance: float = Field(examples=[0.041])
+    confidence: float = Field(description="Part of all classes' closeness; orders, but is no probability.")
+
+
+class ShapeMatch(BaseModel):
+    """A stored shape and its distance from the query."""
+
+    id: str = Field(examples=[_ID])
+    name: str = Field(examples=["cat-03"])
+    label: str | None = Field(examples=["cat"])
+    distance: float = Field(examples=[0.041])
+
+
+class Ranking(BaseModel):
+    """What a query is and what is like it, best first."""
+
+    measure: str = Field(examples=[DEFAULT_MEASURE])
+    classes: list[ClassMatch]
+    shapes: list[ShapeMatch]
+    known: bool | None = Field(
+        description="Whether the nearest class is no farther than its members are from each other; "
+        "null where it has too few to tell."
+    )
+
+
+class Job(BaseModel):
+    """A computation: queued, running, and then succeeded, failed or cancelled for good."""
+
+    id: str = Field(examples=[_ID])
+    kind: Literal["shape", "query"]
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    stage: str = Field(examples=["geodesics"])
+    progress: float = Field(ge=0, le=1, examples=[0.42])
+    position: int | None = Field(description="Jobs that wait before this one; null once it runs.")
+    attempts: int = Field(description="How often it was begun; a lost process costs one.")
+    error: JobError | None
+    shape_id: str | None = Field(description="Of a succeeded upload: the shape it became.")
+    result: Ranking | None = Field(description="Of a succeeded query.")
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+
+    @classmethod
+    def of(cls, record: JobRecord, position: int | None = None) -> Self:
+        """Make the answer for a stored job."""
+        values = {name: getattr(record, name) for name in cls.model_fields if name != "position"}
+        return cls.model_validate(values | {"position": position})
+
+
+class JobList(BaseModel):
+    """The newest jobs first."""
+
+    items: list[Job]
+
+
+class ShapeQuery(BaseModel):
+    """A query by a shape that is stored already."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    shape_id: str = Field(min_length=1, max_length=64, examples=[_ID])
+    measure: str = DEFAULT_MEASURE
+    k: int = Field(10, ge=1, le=1000)
+
+
+class ClassCount(BaseModel):
+    """A class and its size."""
+
+    label: str = Field(examples=["cat"])
+    count: int = Field(examples=[6])
+
+
+class ClassList(BaseModel):
+    """The classes of the library."""
+
+    items: list[ClassCount]
+
+
+class Descriptors(BaseModel):
+    """A shape's vectors for comparing, by measure."""
+
+    descriptors: dict[str, list[float]]
+
+
+class Distances(BaseModel):
+    """Geodesic distances from one vertex, in units of the file."""
+
+    source: int
+    distances: list[float | None] = Field(description="One for each vertex of the file; null where unreachable.")
+
+
+class Capacity(BaseModel):
+    """How busy the service is."""
+
+    workers: int
+    running: int = Field(description="Jobs in hand, some of them waiting for a process.")
+    queued: int
+    max_queued: int
+
+
+class Health(BaseModel):
+    """That the service is there."""
+
+    status: Literal["ok"] = "ok"

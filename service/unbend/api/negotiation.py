@@ -1,0 +1,46 @@
+"""Which format a download is in: `?format=`, or what the Accept header asks for."""
+
+from __future__ import annotations
+
+import re
+from typing import Final, Literal
+from urllib.parse import quote
+
+from fastapi import HTTPException, Request, Response
+
+Format = Literal["json", "ply", "obj", "off", "glb", "npz", "stl"]
+
+MEDIA_TYPES: Final[dict[str, str]] = {
+    "json": "application/json",
+    "ply": "application/vnd.ply",
+    "obj": "model/obj",
+    "off": "model/vnd.off",
+    "stl": "model/stl",
+    "glb": "model/gltf-binary",
+    "npz": "application/vnd.numpy.npz",
+}
+
+
+def choose_format(request: Request, wanted: str | None) -> str | None:
+    """Return the format asked for, None where the caller leaves it open; 406 where we have none of those."""
+    if wanted:
+        return wanted
+    accepted = [part.split(";")[0].strip().lower() for part in request.headers.get("accept", "*/*").split(",")]
+    if any(part in {"", "*/*", "application/*", "model/*", "application/octet-stream"} for part in accepted):
+        return None
+    formats = {media_type: name for name, media_type in MEDIA_TYPES.items()}
+    for part in accepted:
+        if part in formats:
+            return formats[part]
+    raise HTTPException(406, f"formats served are {', '.join(formats)}")
+
+
+def file_response(data: bytes, file_type: str, name: str) -> Response:
+    """Return a file to download."""
+    plain = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII) or "shape"
+    headers = {
+        "Content-Disposition": f'attachment; filename="{plain}.{file_type}"; '
+        f"filename*=UTF-8''{quote(name, safe='')}.{file_type}",
+        "X-Content-Type-Options": "nosniff",
+    }
+    return Response(data, media_type=MEDIA_TYPES[file_type], headers=headers)

@@ -1,0 +1,116 @@
+"""Errors as RFC 9457 problem documents: one table from exception to status, one shape for all."""
+
+from __future__ import annotations
+
+import logging
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+from unbend import errors
+
+logger = logging.getLogger("unbend.api")
+
+MEDIA_TYPE: Final = "application/problem+json"
+
+STATUS: Final[dict[type[errors.UnbendError], int]] = {
+    errors.MeshFormatError: 415,
+    errors.MeshError: 422,
+    errors.ParameterError: 422,
+    errors.NotFoundError: 404,
+    errors.UploadTooLargeError: 413,
+    errors.QueueFullError: 429,
+    errors.JobTimeoutError: 504,
+    errors.JobMemoryError: 507,
+    errors.JobCancelledError: 409,
+    errors.JobError: 500,
+    errors.StoreError: 503,
+    errors.UnbendError: 500,
+}
+"""Status of each error; the nearest base class that stands here decides."""
+
+
+class FieldProblem(BaseModel):
+    """One field of a request that is not as it should be."""
+
+    field: str = Field(description="Where the field is, as body.name or query.limit.", examples=["query.limit"])
+    message: str
+
+
+class Problem(BaseModel):
+    """Any error, in the shape of RFC 9457."""
+
+    type: str = Field("about:blank", examples=["about:blank"])
+    title: str = Field(examples=["Not Found"])
+    status: int = Field(examples=[404])
+    detail: str = Field(examples=["no shape 0123456789abcdef"])
+    code: str = Field(description="A stable name for programs.", examples=["not_found"])
+    advice: str = Field("", description="What the caller can do.")
+    errors: list[FieldProblem] = Field(default_factory=list, description="With code `request_invalid`: the fields.")
+
+
+def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI entries of error answers with these statuses."""
+    schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
+    return {status: {"description": _title(status), "content": {MEDIA_TYPE: schema}} for status in statuses}
+
+
+def status_of(error: errors.UnbendError) -> int:
+    """Return the HTTP status of an error of our tree."""
+    return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+
+
+def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
+    """Return a problem as a response."""
+    content = problem.model_dump(exclude_defaults=False)
+    return JSONResponse(content, problem.status, headers, media_type=MEDIA_TYPE)
+
+
+def install(app: FastAPI) -> None:
+    """Have `app` answer every error as a problem document."""
+    app.add_exception_handler(errors.UnbendError, _on_known)
+    app.add_exception_handler(RequestValidationError, _on_validation)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(Exception, _on_unexpected)
+
+
+async def _on_known(_request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, errors.UnbendError):
+        raise error
+    status = status_of(error)
+    headers = {"Retry-After": str(error.retry_after)} if isinstance(error, errors.QueueFullError) else None
+    problem = Problem(title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice)
+    return answer(problem, headers)
+
+
+async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    fields = [
+        FieldProblem(field=".".join(str(part) for part in item["loc"]), message=str(item["msg"]))
+        for item in error.errors()
+    ]
+    detail = "; ".join(f"{item.field}: {item.message}" for item in fields)
+    return answer(Problem(title=_title(422), status=422, detail=detail, code="request_invalid", errors=fields))
+
+
+async def _on_http(_request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, HTTPException):
+        raise error
+    code = HTTPStatus(error.status_code).name.lower()
+    problem = Problem(title=_title(error.status_code), status=error.status_code, detail=str(error.detail), code=code)
+    return answer(problem, dict(error.headers or {}))
+
+
+async def _on_unexpected(_request: Request, error: Exception) -> JSONResponse:
+    logger.error("a request failed with an unexpected error", exc_info=error)
+    return answer(Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error"))
+
+
+def _title(status: int) -> str:
+    return HTTPStatus(status).phrase

@@ -1,0 +1,36 @@
+"""Whether the service lives, is ready, and how busy it is."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, HTTPException
+
+from unbend.api.models import Capacity, Health
+from unbend.api.problems import problem_responses
+from unbend.api.service import ServiceDependency
+
+router = APIRouter(tags=["health"])
+
+
+@router.get("/livez", responses=problem_responses(503))
+async def livez(service: ServiceDependency) -> Health:
+    """Answer 200 while jobs are being taken from the queue; otherwise the server should be restarted."""
+    if not service.runner.alive:
+        raise HTTPException(503, "the dispatcher has died")
+    return Health()
+
+
+@router.get("/readyz", responses=problem_responses(503))
+async def readyz(service: ServiceDependency) -> Health:
+    """Answer 200 once the workers have loaded their kernels."""
+    if not service.runner.ready:
+        raise HTTPException(503, "the workers are loading their kernels")
+    return Health()
+
+
+@router.get("/capacity")
+async def capacity(service: ServiceDependency) -> Capacity:
+    """Return how many jobs run and wait."""
+    runner = service.runner
+    return Capacity(
+        workers=runner.workers, running=runner.running, queued=await runner.queued(), max_queued=runner.limits.queued
+    )

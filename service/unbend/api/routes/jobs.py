@@ -1,0 +1,51 @@
+"""Jobs: status, waiting, cancelling."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from unbend.api.models import Job, JobList
+from unbend.api.problems import problem_responses
+from unbend.api.service import Service, ServiceDependency
+from unbend.library.records import JobRecord, JobState
+
+router = APIRouter(prefix="/jobs", tags=["jobs"])
+
+MAX_WAIT_SECONDS = 60.0
+
+
+@router.get("", responses=problem_responses(422))
+async def list_jobs(
+    service: ServiceDependency,
+    state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+) -> JobList:
+    """List jobs, the newest first."""
+    records = await service.runner.newest(state=state, limit=limit)
+    return JobList(items=list(await asyncio.gather(*(_with_position(service, record) for record in records))))
+
+
+@router.get("/{job_id}", responses=problem_responses(404, 422))
+async def get_job(
+    service: ServiceDependency,
+    job_id: str,
+    wait: Annotated[
+        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Answer when the job has ended, or after these seconds.")
+    ] = 0.0,
+) -> Job:
+    """Return a job; with `wait` this is a long poll."""
+    record = await (service.runner.wait(job_id, wait) if wait else service.runner.status(job_id))
+    return await _with_position(service, record)
+
+
+@router.delete("/{job_id}", responses=problem_responses(404, 422))
+async def cancel_job(service: ServiceDependency, job_id: str) -> Job:
+    """Cancel a job. One that runs is stopped; one that has ended stays as it is."""
+    return await _with_position(service, await service.runner.cancel(job_id))
+
+
+async def _with_position(service: Service, record: JobRecord) -> Job:
+    return Job.of(record, await service.runner.position(record))

@@ -1,0 +1,121 @@
+"""Queries: what a mesh is, and what is like it."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from typing import Annotated, Any, TypeVar
+
+from fastapi import APIRouter, Header, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.datastructures import FormData, UploadFile
+from starlette.exceptions import HTTPException
+
+from unbend.api.models import Job, Ranking, ShapeQuery
+from unbend.api.problems import problem_responses
+from unbend.api.routes.jobs import MAX_WAIT_SECONDS
+from unbend.api.service import Service, ServiceDependency
+from unbend.api.uploads import read_upload
+from unbend.library.records import JobRecord
+from unbend.matching.measures import DEFAULT_MEASURE, get_measure
+
+router = APIRouter(prefix="/queries", tags=["queries"])
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class FileQuery(BaseModel):
+    """The fields beside the file of a query."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    measure: str = DEFAULT_MEASURE
+    k: int = Field(10, ge=1, le=1000, description="Shapes in the answer; all classes are.")
+    parameters: str | None = Field(None, description="A JSON object; shapes stored with others are not compared.")
+
+
+_FILE_SCHEMA = FileQuery.model_json_schema()
+_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": _FILE_SCHEMA
+                | {
+                    "properties": _FILE_SCHEMA["properties"] | {"file": {"type": "string", "format": "binary"}},
+                    "required": ["file"],
+                }
+            },
+            "application/json": {"schema": ShapeQuery.model_json_schema()},
+        },
+    }
+}
+
+
+@router.post(
+    "",
+    response_model=Ranking,
+    responses={
+        202: {"model": Job, "description": "The job that computes the answer; its `result` will be it."},
+        **problem_responses(400, 404, 413, 415, 422, 429),
+    },
+    openapi_extra=_BODY,
+)
+async def query(
+    service: ServiceDependency,
+    request: Request,
+    prefer: Annotated[str | None, Header(description="`wait=10`: answer in place if done in 10 seconds.")] = None,
+) -> Response:
+    """Rank the library's classes and shapes by their distance from a mesh, or from a stored shape.
+
+    Send `multipart/form-data` with a `file`, or JSON with a `shape_id`. A file becomes a job, and is not stored
+    in the library.
+    """
+    kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
+    if kind == "application/json":
+        return await _by_shape(service, _validated(ShapeQuery, await request.body()))
+    if kind == "multipart/form-data":
+        async with request.form(max_files=1, max_fields=10) as form:
+            return await _by_file(service, form, _wait_seconds(prefer))
+    raise HTTPException(415, "send multipart/form-data with a file, or application/json with a shape_id")
+
+
+async def _by_shape(service: Service, asked: ShapeQuery) -> Response:
+    ranking = await asyncio.to_thread(service.library.rank, asked.shape_id, measure=asked.measure, k=asked.k)
+    return JSONResponse(ranking.as_dict())
+
+
+async def _by_file(service: Service, form: FormData, wait: float) -> Response:
+    file = form.get("file")
+    if not isinstance(file, UploadFile):
+        raise _invalid(("body", "file"), "a file is required")
+    asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
+    get_measure(asked.measure)
+    upload = await read_upload(file, asked.parameters)
+    answer = await service.runner.submit("query", upload, {"measure": asked.measure, "k": asked.k})
+    if not isinstance(answer, JobRecord):
+        raise TypeError("a query does not become a shape")
+    record = await service.runner.wait(answer.id, wait) if wait else answer
+    if record.state == "succeeded":
+        return JSONResponse(record.result)
+    job = Job.of(record, await service.runner.position(record))
+    return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
+
+
+def _wait_seconds(prefer: str | None) -> float:
+    found = re.search(r"\bwait\s*=\s*(\d{1,6})\b", prefer or "")
+    return min(float(found.group(1)), MAX_WAIT_SECONDS) if found else 0.0
+
+
+def _validated(model: type[M], values: bytes | dict[str, Any]) -> M:
+    try:
+        return model.model_validate_json(values) if isinstance(values, bytes) else model.model_validate(values)
+    except ValidationError as error:
+        details = [{**item, "loc": ("body", *item["loc"])} for item in error.errors(include_url=False)]
+        raise RequestValidationError(details) from None
+
+
+def _invalid(location: tuple[str, ...], message: str) -> RequestValidationError:
+    return RequestValidationError([{"type": "missing", "loc": location, "msg": message, "input": None}])

@@ -1,0 +1,135 @@
+"""Shapes: upload, list, look, change, remove, download."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
+from fastapi.responses import JSONResponse
+
+from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
+from unbend.api.negotiation import MEDIA_TYPES, Format, choose_format, file_response
+from unbend.api.problems import problem_responses
+from unbend.api.service import ServiceDependency
+from unbend.api.uploads import name_of, parse_metadata, read_upload
+from unbend.geodesics.distances import Update
+from unbend.jobs.worker import convert, distances_from
+from unbend.library.records import ShapeRecord
+from unbend.signature.export import export_signature
+
+router = APIRouter(prefix="/shapes", tags=["shapes"])
+
+_FILE_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The file.", "content": {media_type: {} for media_type in MEDIA_TYPES.values()}},
+    **problem_responses(404, 406, 422),
+}
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=Job,
+    responses={200: {"model": Shape, "description": "Stored already."}, **problem_responses(413, 415, 422, 429)},
+)
+async def upload_shape(
+    service: ServiceDependency,
+    file: Annotated[UploadFile, File(description="An off, obj, ply, stl or glb file.")],
+    name: Annotated[str | None, Form(max_length=200, description="The file's own by default.")] = None,
+    label: Annotated[str | None, Form(max_length=200, description="The class it is known to belong to.")] = None,
+    metadata: Annotated[str | None, Form(description="A JSON object.", examples=['{"scanner": "A"}'])] = None,
+    parameters: Annotated[str | None, Form(description="A JSON object.", examples=['{"samples": 300}'])] = None,
+) -> Response:
+    """Store a mesh and have its signature computed.
+
+    Answered at once with the job that computes it; the job is durable by then. Where the same bytes were stored
+    with the same parameters before, that shape is the answer.
+    """
+    upload = await read_upload(file, parameters)
+    request = {"name": name_of(file, name), "label": label or None, "metadata": parse_metadata(metadata)}
+    answer = await service.runner.submit("shape", upload, request)
+    if isinstance(answer, ShapeRecord):
+        return JSONResponse(Shape.of(answer).model_dump(mode="json"))
+    job = Job.of(answer, await service.runner.position(answer))
+    return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
+
+
+@router.get("", responses=problem_responses(422))
+def list_shapes(
+    service: ServiceDependency,
+    label: Annotated[str | None, Query(description="Only shapes of this class.")] = None,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+) -> ShapePage:
+    """List shapes in the order they were added."""
+    page = service.library.page(label=label, cursor=cursor, limit=limit)
+    return ShapePage(items=[Shape.of(record) for record in page.items], next_cursor=page.next_cursor)
+
+
+@router.get("/{shape_id}", responses=problem_responses(404, 422))
+def get_shape(service: ServiceDependency, shape_id: str) -> Shape:
+    """Return a shape's record."""
+    return Shape.of(service.library.get(shape_id))
+
+
+@router.patch("/{shape_id}", responses=problem_responses(404, 422))
+def change_shape(service: ServiceDependency, shape_id: str, changes: ShapeChanges) -> Shape:
+    """Change a shape's name, label or metadata."""
+    return Shape.of(service.library.change(shape_id, changes.model_dump(exclude_unset=True)))
+
+
+@router.delete("/{shape_id}", status_code=204, responses=problem_responses(404, 422))
+def remove_shape(service: ServiceDependency, shape_id: str) -> None:
+    """Remove a shape: its record, signature, descriptors and file."""
+    service.library.remove(shape_id)
+
+
+@router.get("/{shape_id}/mesh", response_class=Response, responses=_FILE_RESPONSES)
+async def get_mesh(
+    service: ServiceDependency,
+    request: Request,
+    shape_id: str,
+    format: Format | None = None,  # noqa: A002
+) -> Response:
+    """Download the mesh: byte for byte as it was uploaded, or converted to `format`."""
+    record = await asyncio.to_thread(service.library.get, shape_id)
+    stored = str(record.report["file_type"])
+    wanted = choose_format(request, format) or stored
+    if wanted == stored:
+        return file_response(await asyncio.to_thread(service.library.mesh, shape_id), stored, record.name)
+    data = await service.runner.call(convert, service.library.store.url, record.sha256, wanted)
+    return file_response(data, wanted, record.name)
+
+
+@router.get("/{shape_id}/signature", response_class=Response, responses=_FILE_RESPONSES)
+def get_signature(
+    service: ServiceDependency,
+    request: Request,
+    shape_id: str,
+    format: Format | None = None,  # noqa: A002
+) -> Response:
+    """Download the signature: everything as json (the default) or npz, or its surface as ply, obj, off or glb."""
+    record = service.library.get(shape_id)
+    wanted = choose_format(request, format) or "json"
+    data = export_signature(service.library.signature(shape_id), wanted)
+    return file_response(data, wanted, f"{record.name}-signature")
+
+
+@router.get("/{shape_id}/descriptors", responses=problem_responses(404, 422))
+def get_descriptors(service: ServiceDependency, shape_id: str) -> Descriptors:
+    """Return the vectors that the measures compare."""
+    signature = service.library.signature(shape_id)
+    return Descriptors(descriptors={name: vector.tolist() for name, vector in signature.descriptors.items()})
+
+
+@router.get("/{shape_id}/geodesics", responses=problem_responses(404, 422))
+async def get_geodesics(
+    service: ServiceDependency,
+    shape_id: str,
+    source: Annotated[int, Query(ge=0, le=2**31 - 1, description="A vertex of the file, counted from 0.")],
+    update: Annotated[Update, Query(description="How fast marching crosses a triangle.")] = "spherical",
+) -> Distances:
+    """Return the geodesic distances from one vertex to all."""
+    record = await asyncio.to_thread(service.library.get, shape_id)
+    values: Any = await service.runner.call(distances_from, service.library.store.url, record.sha256, update, source)
+    return Distances(source=source, distances=values)

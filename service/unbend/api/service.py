@@ -1,0 +1,28 @@
+"""What every route works with, and how it gets it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from unbend.api.settings import Settings
+from unbend.jobs import JobRunner
+from unbend.library import Library
+
+
+@dataclass(frozen=True)
+class Service:
+    """The parts of a running server."""
+
+    settings: Settings
+    library: Library
+    runner: JobRunner
+
+
+def _service(request: Request) -> Service:
+    return cast("Service", request.app.state.service)
+
+
+ServiceDependency = Annotated[Service, Depends(_service)]

@@ -1,0 +1,35 @@
+"""The service's settings, each an environment variable with the prefix UNBEND_."""
+
+from __future__ import annotations
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from unbend.geodesics.distances import available_cores
+from unbend.jobs import JobLimits
+
+
+class Settings(BaseSettings):
+    """What a server is started with; a wrong value is refused with its name."""
+
+    model_config = SettingsConfigDict(env_prefix="UNBEND_", frozen=True, extra="forbid")
+
+    library: str = Field("unbend.db", description="Path of an SQLite file, or an SQLAlchemy URL.")
+    workers: int = Field(
+        default_factory=available_cores, ge=1, le=256, description="Processes that compute; one for each core."
+    )
+    max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes that a request may have.")
+    max_queued: int = Field(10_000, ge=1, description="Jobs that may wait before uploads are answered 429.")
+    job_seconds: float = Field(600.0, gt=0, description="Seconds after which a job is stopped.")
+    job_memory_mb: int = Field(8192, ge=1024, description="Megabytes of address space that a worker may use.")
+    drain_seconds: float = Field(20.0, ge=0, description="Seconds that running jobs are given when the server stops.")
+
+    @property
+    def limits(self) -> JobLimits:
+        """The limits of jobs among the settings."""
+        return JobLimits(
+            seconds=self.job_seconds,
+            memory_mb=self.job_memory_mb,
+            queued=self.max_queued,
+            drain_seconds=self.drain_seconds,
+        )

@@ -1,0 +1,48 @@
+"""From a multipart form to an `Upload` that the job runner takes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import PurePosixPath
+from typing import Any
+
+from starlette.datastructures import UploadFile
+
+from unbend.errors import ParameterError
+from unbend.jobs import Upload
+from unbend.mesh.formats.detect import detect_format
+from unbend.signature.parameters import Parameters
+
+
+async def read_upload(file: UploadFile, parameters: str | None) -> Upload:
+    """Return the file's bytes, its format and the parameters.
+
+    Raises
+    ------
+    MeshFormatError
+        If the bytes are of no format that is read. Nothing is parsed here.
+    ParameterError
+        If the parameters are not JSON or out of range.
+    """
+    chosen = Parameters.from_json(parameters) if parameters else Parameters()
+    data = await file.read()
+    hint = PurePosixPath(file.filename or "").suffix.lower().lstrip(".")
+    file_type = await asyncio.to_thread(detect_format, data, hint)
+    return Upload(data, file_type, chosen)
+
+
+def parse_metadata(text: str | None) -> dict[str, Any]:
+    """Return the `metadata` field as an object; ParameterError if it is not one."""
+    try:
+        value = json.loads(text) if text else {}
+    except ValueError as error:
+        raise ParameterError(f"metadata is not JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise ParameterError("metadata must be a JSON object")
+    return value
+
+
+def name_of(file: UploadFile, name: str | None) -> str:
+    """Return the name given, or the file's own without folders and extension."""
+    return name or PurePosixPath((file.filename or "").replace("\\", "/")).stem or "unnamed"

@@ -1,0 +1,54 @@
+"""Folders of meshes and their labels."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+from unbend.errors import ParameterError
+from unbend.mesh.formats.detect import FORMATS
+
+
+@dataclass(frozen=True)
+class LabelledFile:
+    """A mesh file and the class it belongs to."""
+
+    path: Path
+    label: str | None
+
+
+def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
+    """Return the files of a labels.csv, whose paths are relative to `folder`.
+
+    Raises
+    ------
+    ParameterError
+        If the header lacks `path` or `class`, a row lacks a value, or a file is not there.
+    """
+    with csv_path.open(newline="", encoding="utf-8-sig") as file:
+        rows = csv.DictReader(file)
+        missing = {"path", "class"} - set(rows.fieldnames or ())
+        if missing:
+            raise ParameterError(f"{csv_path}: the header has no column {min(missing)!r}")
+        files = [_labelled(row, csv_path, rows.line_num, folder) for row in rows]
+    if not files:
+        raise ParameterError(f"{csv_path}: there are no rows")
+    return files
+
+
+def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[LabelledFile]:
+    """Return the mesh files below `folder` in the order of their names."""
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower().lstrip(".") in FORMATS)
+    if not paths:
+        raise ParameterError(f"{folder}: there is no file that ends in {', '.join(FORMATS)}")
+    return [LabelledFile(path, path.parent.name if label_from_folder else None) for path in paths]
+
+
+def _labelled(row: dict[str, str | None], csv_path: Path, line: int, folder: Path) -> LabelledFile:
+    path, label = row.get("path"), row.get("class")
+    if not path or not label:
+        raise ParameterError(f"{csv_path}, line {line}: path or class is empty")
+    if not (folder / path).is_file():
+        raise ParameterError(f"{csv_path}, line {line}: there is no file {folder / path}")
+    return LabelledFile(folder / path, label)

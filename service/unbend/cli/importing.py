@@ -1,0 +1,79 @@
+"""`unbend import`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+
+from unbend.cli.folder import LabelledFile, find_meshes, read_labels
+from unbend.cli.options import folder_argument, library_option, progress, url_option, warn
+from unbend.errors import UnbendError
+
+EXIT_SOME_FAILED = 3
+_AHEAD = 64  # uploads sent before the first is waited for, so that no worker is idle
+
+
+@click.command("import")
+@folder_argument
+@click.option("--labels", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="CSV: path, class.")
+@click.option("--label-from", type=click.Choice(["folder"]), help="Take each file's folder as its class.")
+@library_option
+@url_option
+def import_folder(
+    folder: Path, labels: Path | None, label_from: str | None, library: str | None, url: str | None
+) -> None:
+    """Add the meshes of DIR to a library, or to a running service.
+
+    Files that cannot be used are named on standard error; the exit status is then 3.
+    """
+    if labels and label_from:
+        raise click.UsageError("--labels and --label-from exclude each other")
+    files = read_labels(labels, folder) if labels else find_meshes(folder, label_from_folder=label_from == "folder")
+    outcomes = _over_http(files, url) if url else _into_library(files, library or "unbend.db")
+    with progress(outcomes, "importing", len(files)) as bar:
+        failures = [failure for failure in bar if failure]
+    for failure in failures:
+        warn(failure)
+    click.echo(f"{len(files) - len(failures)} of {len(files)} shapes imported")
+    if failures:
+        sys.exit(EXIT_SOME_FAILED)
+
+
+def _into_library(files: Sequence[LabelledFile], url: str) -> Iterator[str]:
+    from unbend.library import Library  # noqa: PLC0415
+
+    with Library(url) as library:
+        for file in files:
+            try:
+                library.add(file.path, label=file.label)
+                yield ""
+            except UnbendError as error:
+                yield f"{file.path}: {error}"
+
+
+def _over_http(files: Sequence[LabelledFile], url: str) -> Iterator[str]:
+    from unbend.client import Client, Job  # noqa: PLC0415
+
+    with Client(url) as client:
+        waiting: list[tuple[LabelledFile, Job]] = []
+        for file in files:
+            waiting.append((file, client.submit(file.path, label=file.label)))
+            if len(waiting) > _AHEAD:
+                yield _result(*waiting.pop(0))
+        for file, job in waiting:
+            yield _result(file, job)
+
+
+def _result(file: LabelledFile, job: object) -> str:
+    from unbend.client import Job  # noqa: PLC0415
+
+    if not isinstance(job, Job):
+        raise TypeError(job)
+    try:
+        job.result()
+    except UnbendError as error:
+        return f"{file.path}: {error}"
+    return ""

@@ -1,0 +1,48 @@
+"""The group of commands, and how their errors are shown."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import click
+
+from unbend import __version__
+from unbend.cli.compare import compare
+from unbend.cli.demo import demo
+from unbend.cli.evaluate import evaluate
+from unbend.cli.importing import import_folder
+from unbend.cli.openapi import openapi
+from unbend.cli.query import query
+from unbend.cli.serve import serve
+from unbend.cli.signature import signature
+from unbend.errors import UnbendError
+
+EXIT_FAILED = 1
+
+
+class ErrorsShown(click.Group):
+    """A group that prints our errors as a sentence instead of a traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except UnbendError as error:
+            click.echo(f"unbend: {error}", err=True)
+            if error.advice:
+                click.echo(f"        {error.advice}", err=True)
+            sys.exit(EXIT_FAILED)
+        except OSError as error:
+            click.echo(f"unbend: {error.filename or ''}: {error.strerror or error}", err=True)
+            sys.exit(EXIT_FAILED)
+
+
+@click.group(cls=ErrorsShown, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="unbend")
+def main() -> None:
+    """Recognise shapes however they bend."""
+
+
+for command in (serve, signature, compare, import_folder, query, evaluate, openapi, demo):
+    main.add_command(command)

@@ -1,0 +1,31 @@
+"""`unbend serve`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from unbend.cli.options import library_option
+
+
+@click.command()
+@click.option("--host", default="127.0.0.1", show_default=True)
+@click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
+@library_option
+@click.option("--workers", metavar="N", type=click.IntRange(1, 256), help="Processes that compute; all cores.")
+def serve(host: str, port: int, library: str | None, workers: int | None) -> None:
+    """Start the web service. Its settings are environment variables with the prefix UNBEND_."""
+    import uvicorn  # noqa: PLC0415
+    from pydantic import ValidationError  # noqa: PLC0415
+
+    from unbend.api import Settings, create_app  # noqa: PLC0415
+
+    given: dict[str, Any] = {"library": library, "workers": workers}
+    try:
+        settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        problems = "; ".join(f"UNBEND_{str(item['loc'][0]).upper()}: {item['msg']}" for item in error.errors())
+        raise click.ClickException(problems) from None
+    click.echo(f"unbend: library {settings.library}, {settings.workers} workers", err=True)
+    uvicorn.run(create_app(settings), host=host, port=port, log_level="info", access_log=False)

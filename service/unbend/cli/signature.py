@@ -1,0 +1,36 @@
+"""`unbend signature`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from unbend.cli.options import make_parameters, mesh_path, parameter_options, warn
+
+
+@click.command()
+@click.argument("mesh", type=mesh_path)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="A ply, obj, off, glb, npz or json file; json on standard output by default.",
+)
+@parameter_options
+def signature(mesh: Path, output: Path | None, samples: int, dimensions: int, method: str) -> None:
+    """Compute the signature of MESH."""
+    from unbend.mesh.read import read_mesh  # noqa: PLC0415
+    from unbend.signature.export import export_signature  # noqa: PLC0415
+    from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
+
+    surface = read_mesh(mesh)
+    for note in surface.report.notes:
+        warn(f"{mesh.name}: {note}")
+    found = compute_signature(surface, make_parameters(samples, dimensions, method))
+    data = export_signature(found, output.suffix.lower().lstrip(".") if output else "json")
+    if output:
+        output.write_bytes(data)
+        warn(f"{output}: {len(found.points)} points in {found.points.shape[1]} dimensions, stress {found.stress:.4g}")
+    else:
+        click.echo(data.decode())

@@ -1,0 +1,320 @@
+"""The two clients, one for each colour of function; they differ in nothing else."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from unbend.client import protocol
+from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile
+
+_TIMEOUT = httpx.Timeout(POLL_SECONDS + 30.0, connect=10.0)
+
+
+class Job:
+    """A job of the service, as `Client.submit` returns it."""
+
+    def __init__(self, client: Client, record: Json, shape: Json | None = None) -> None:
+        self._client = client
+        self._record = record
+        self._shape = shape
+
+    @property
+    def id(self) -> str:
+        """Its identifier."""
+        return str(self._record["id"])
+
+    def status(self) -> Json:
+        """Return the job as it is now: state, stage, progress, position."""
+        if self._record["state"] not in FINISHED:
+            self._record = self._client.request("GET", f"/v1/jobs/{self.id}").json()
+        return self._record
+
+    def wait(self, timeout: float | None = None) -> Json:
+        """Return the job when it has ended; TimeoutError after `timeout` seconds, never by default."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while self._record["state"] not in FINISHED:
+            patience = POLL_SECONDS if end is None else min(POLL_SECONDS, end - time.monotonic())
+            if patience <= 0:
+                raise TimeoutError(f"job {self.id} is {self._record['state']} after {timeout} seconds")
+            self._record = self._client.request("GET", f"/v1/jobs/{self.id}", params={"wait": patience}).json()
+        return self._record
+
+    def result(self, timeout: float | None = None) -> Json:
+        """Return the stored shape, or a query's ranking; raise the job's own error if it failed."""
+        if self._shape is not None:
+            return self._shape
+        job = protocol.outcome(self.wait(timeout))
+        return self._client.shape(job["shape_id"]) if job["kind"] == "shape" else job["result"]
+
+    def cancel(self) -> Json:
+        """Cancel the job and return it."""
+        self._record = self._client.request("DELETE", f"/v1/jobs/{self.id}").json()
+        return self._record
+
+
+class Client:
+    """A connection to a running service.
+
+    Parameters
+    ----------
+    base_url : str
+        Such as "http://127.0.0.1:8000".
+    api_key : str, optional
+
+    Raises
+    ------
+    ServiceError
+        By every call, where the service refuses it or cannot be reached. Uploads wait while the service is full.
+
+    Examples
+    --------
+    >>> with Client("http://127.0.0.1:8000") as client:         # doctest: +SKIP
+    ...     shape = client.submit("cat.off", label="cat").result()
+    ...     client.query("unknown.ply")["classes"][0]["label"]
+    """
+
+    def __init__(self, base_url: str, api_key: str | None = None) -> None:
+        self._http = httpx.Client(base_url=base_url, headers=protocol.headers(api_key), timeout=_TIMEOUT)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._http.close()
+
+    def request(self, method: str, path: str, **options: Any) -> httpx.Response:
+        """Make any request of the HTTP contract; while the service is full, wait and try again."""
+        while True:
+            try:
+                response = self._http.request(method, path, **options)
+            except httpx.TransportError as error:
+                raise protocol.unreachable(error) from error
+            pause = protocol.retry_after(response)
+            if pause is None:
+                return protocol.checked(response)
+            time.sleep(pause)
+
+    def submit(
+        self,
+        source: bytes | str | Path,
+        *,
+        name: str | None = None,
+        label: str | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> Job:
+        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already."""
+        content = protocol.upload_content(MeshFile.of(source), Details(name, label, metadata, parameters))
+        response = self.request("POST", "/v1/shapes", **content)
+        return Job(self, *protocol.submitted(response))
+
+    def query(
+        self,
+        source: bytes | str | Path,
+        *,
+        measure: str | None = None,
+        k: int = 10,
+        parameters: Mapping[str, Any] | None = None,
+        timeout: float | None = None,
+    ) -> Json:
+        """Return the ranking of classes and shapes for a mesh that is not to be stored."""
+        content = protocol.query_content(MeshFile.of(source), measure, k, parameters)
+        response = self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
+        if response.status_code == httpx.codes.OK:
+            return dict(response.json())
+        return Job(self, response.json()).result(timeout)
+
+    def query_shape(self, shape_id: str, *, measure: str | None = None, k: int = 10) -> Json:
+        """Return the ranking for a stored shape."""
+        asked = protocol.shape_query(shape_id, measure, k)
+        return dict(self.request("POST", "/v1/queries", json=asked).json())
+
+    def shape(self, shape_id: str) -> Json:
+        """Return a shape's record."""
+        return dict(self.request("GET", f"/v1/shapes/{shape_id}").json())
+
+    def shapes(self, *, label: str | None = None) -> Iterator[Json]:
+        """Yield all shapes in the order they were added."""
+        cursor: str | None = None
+        while True:
+            page = self.request("GET", "/v1/shapes", params=protocol.page(label, cursor)).json()
+            yield from page["items"]
+            cursor = page["next_cursor"]
+            if cursor is None:
+                return
+
+    def signature(self, shape_id: str) -> Json:
+        """Return all of a shape's signature."""
+        return dict(self.request("GET", f"/v1/shapes/{shape_id}/signature").json())
+
+    def change(self, shape_id: str, **changes: Any) -> Json:
+        """Change a shape's name, label or metadata."""
+        return dict(self.request("PATCH", f"/v1/shapes/{shape_id}", json=changes).json())
+
+    def remove(self, shape_id: str) -> None:
+        """Remove a shape."""
+        self.request("DELETE", f"/v1/shapes/{shape_id}")
+
+    def job(self, job_id: str) -> Job:
+        """Return the handle of a job by its identifier."""
+        return Job(self, self.request("GET", f"/v1/jobs/{job_id}").json())
+
+    def classes(self) -> dict[str, int]:
+        """Return the classes and how many shapes each has."""
+        return {item["label"]: item["count"] for item in self.request("GET", "/v1/classes").json()["items"]}
+
+
+class AsyncJob:
+    """A job of the service, as `AsyncClient.submit` returns it."""
+
+    def __init__(self, client: AsyncClient, record: Json, shape: Json | None = None) -> None:
+        self._client = client
+        self._record = record
+        self._shape = shape
+
+    @property
+    def id(self) -> str:
+        """Its identifier."""
+        return str(self._record["id"])
+
+    async def status(self) -> Json:
+        """Return the job as it is now: state, stage, progress, position."""
+        if self._record["state"] not in FINISHED:
+            self._record = (await self._client.request("GET", f"/v1/jobs/{self.id}")).json()
+        return self._record
+
+    async def wait(self, timeout: float | None = None) -> Json:
+        """Return the job when it has ended; TimeoutError after `timeout` seconds, never by default."""
+        async with asyncio.timeout(timeout):
+            while self._record["state"] not in FINISHED:
+                params = {"wait": POLL_SECONDS}
+                self._record = (await self._client.request("GET", f"/v1/jobs/{self.id}", params=params)).json()
+        return self._record
+
+    async def result(self, timeout: float | None = None) -> Json:
+        """Return the stored shape, or a query's ranking; raise the job's own error if it failed."""
+        if self._shape is not None:
+            return self._shape
+        job = protocol.outcome(await self.wait(timeout))
+        return await self._client.shape(job["shape_id"]) if job["kind"] == "shape" else job["result"]
+
+    async def cancel(self) -> Json:
+        """Cancel the job and return it."""
+        self._record = (await self._client.request("DELETE", f"/v1/jobs/{self.id}")).json()
+        return self._record
+
+
+class AsyncClient:
+    """`Client` for asyncio: the same calls, awaited."""
+
+    def __init__(self, base_url: str, api_key: str | None = None) -> None:
+        self._http = httpx.AsyncClient(base_url=base_url, headers=protocol.headers(api_key), timeout=_TIMEOUT)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connection."""
+        await self._http.aclose()
+
+    async def request(self, method: str, path: str, **options: Any) -> httpx.Response:
+        """Make any request of the HTTP contract; while the service is full, wait and try again."""
+        while True:
+            try:
+                response = await self._http.request(method, path, **options)
+            except httpx.TransportError as error:
+                raise protocol.unreachable(error) from error
+            pause = protocol.retry_after(response)
+            if pause is None:
+                return protocol.checked(response)
+            await asyncio.sleep(pause)
+
+    async def submit(
+        self,
+        source: bytes | str | Path,
+        *,
+        name: str | None = None,
+        label: str | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> AsyncJob:
+        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already."""
+        mesh = await asyncio.to_thread(MeshFile.of, source)
+        content = protocol.upload_content(mesh, Details(name, label, metadata, parameters))
+        return AsyncJob(self, *protocol.submitted(await self.request("POST", "/v1/shapes", **content)))
+
+    async def query(
+        self,
+        source: bytes | str | Path,
+        *,
+        measure: str | None = None,
+        k: int = 10,
+        parameters: Mapping[str, Any] | None = None,
+        timeout: float | None = None,
+    ) -> Json:
+        """Return the ranking of classes and shapes for a mesh that is not to be stored."""
+        mesh = await asyncio.to_thread(MeshFile.of, source)
+        content = protocol.query_content(mesh, measure, k, parameters)
+        response = await self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
+        if response.status_code == httpx.codes.OK:
+            return dict(response.json())
+        return await AsyncJob(self, response.json()).result(timeout)
+
+    async def query_shape(self, shape_id: str, *, measure: str | None = None, k: int = 10) -> Json:
+        """Return the ranking for a stored shape."""
+        asked = protocol.shape_query(shape_id, measure, k)
+        return dict((await self.request("POST", "/v1/queries", json=asked)).json())
+
+    async def shape(self, shape_id: str) -> Json:
+        """Return a shape's record."""
+        return dict((await self.request("GET", f"/v1/shapes/{shape_id}")).json())
+
+    async def shapes(self, *, label: str | None = None) -> AsyncIterator[Json]:
+        """Yield all shapes in the order they were added."""
+        cursor: str | None = None
+        while True:
+            page = (await self.request("GET", "/v1/shapes", params=protocol.page(label, cursor))).json()
+            for item in page["items"]:
+                yield item
+            cursor = page["next_cursor"]
+            if cursor is None:
+                return
+
+    async def signature(self, shape_id: str) -> Json:
+        """Return all of a shape's signature."""
+        return dict((await self.request("GET", f"/v1/shapes/{shape_id}/signature")).json())
+
+    async def change(self, shape_id: str, **changes: Any) -> Json:
+        """Change a shape's name, label or metadata."""
+        return dict((await self.request("PATCH", f"/v1/shapes/{shape_id}", json=changes)).json())
+
+    async def remove(self, shape_id: str) -> None:
+        """Remove a shape."""
+        await self.request("DELETE", f"/v1/shapes/{shape_id}")
+
+    async def job(self, job_id: str) -> AsyncJob:
+        """Return the handle of a job by its identifier."""
+        return AsyncJob(self, (await self.request("GET", f"/v1/jobs/{job_id}")).json())
+
+    async def classes(self) -> dict[str, int]:
+        """Return the classes and how many shapes each has."""
+        items = (await self.request("GET", "/v1/classes")).json()["items"]
+        return {item["label"]: item["count"] for item in items}

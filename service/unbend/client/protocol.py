@@ -1,0 +1,168 @@
+"""What both clients share: how a request is made and an answer read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TypedDict
+
+import httpx
+
+from unbend.errors import (
+    JobCancelledError,
+    JobError,
+    JobMemoryError,
+    JobTimeoutError,
+    MeshError,
+    MeshFormatError,
+    MeshGeometryError,
+    MeshReadError,
+    NotFoundError,
+    ParameterError,
+    ServiceError,
+    UnbendError,
+    WorkerLostError,
+)
+
+Json = dict[str, Any]
+
+POLL_SECONDS: Final = 30.0
+"""How long one long poll lasts at most."""
+
+FINISHED: Final = frozenset({"succeeded", "failed", "cancelled"})
+
+IN_PLACE: Final = {"Prefer": f"wait={POLL_SECONDS:.0f}"}
+"""Asks for a query's ranking in the answer itself, if it is there in time."""
+
+_JOB_ERRORS: Final[dict[str, type[UnbendError]]] = {
+    kind.code: kind
+    for kind in (
+        JobCancelledError, JobError, JobMemoryError, JobTimeoutError, MeshError, MeshFormatError, MeshGeometryError,
+        MeshReadError, ParameterError, WorkerLostError,
+    )
+}  # fmt: skip
+
+
+class Content(TypedDict, total=False):
+    """The body of a multipart request, as httpx takes it."""
+
+    files: dict[str, tuple[str, bytes]]
+    data: dict[str, str]
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh to send."""
+
+    data: bytes
+    name: str
+
+    @classmethod
+    def of(cls, source: bytes | str | Path) -> MeshFile:
+        """Read a path, or take bytes as they are."""
+        if isinstance(source, bytes):
+            return cls(source, "unnamed")
+        return cls(Path(source).read_bytes(), Path(source).name)
+
+
+@dataclass(frozen=True)
+class Details:
+    """What goes beside an uploaded shape; fields left None are not sent."""
+
+    name: str | None = None
+    label: str | None = None
+    metadata: Mapping[str, Any] | None = None
+    parameters: Mapping[str, Any] | None = None
+
+
+def upload_content(mesh: MeshFile, details: Details) -> Content:
+    """Return the form of an upload."""
+    fields = {
+        "name": details.name,
+        "label": details.label,
+        "metadata": None if details.metadata is None else json.dumps(dict(details.metadata)),
+        "parameters": None if details.parameters is None else json.dumps(dict(details.parameters)),
+    }
+    return {
+        "files": {"file": (mesh.name, mesh.data)},
+        "data": {key: value for key, value in fields.items() if value is not None},
+    }
+
+
+def query_content(mesh: MeshFile, measure: str | None, k: int, parameters: Mapping[str, Any] | None) -> Content:
+    """Return the form of a query by file."""
+    data = {"k": str(k)}
+    if measure is not None:
+        data["measure"] = measure
+    if parameters is not None:
+        data["parameters"] = json.dumps(dict(parameters))
+    return {"files": {"file": (mesh.name, mesh.data)}, "data": data}
+
+
+def shape_query(shape_id: str, measure: str | None, k: int) -> Json:
+    """Return the body of a query by a stored shape."""
+    return {"shape_id": shape_id, "k": k} | ({} if measure is None else {"measure": measure})
+
+
+def page(label: str | None, cursor: str | None) -> dict[str, str]:
+    """Return the parameters of a page of shapes."""
+    return {key: value for key, value in (("label", label), ("cursor", cursor)) if value is not None}
+
+
+def submitted(response: httpx.Response) -> tuple[Json, Json | None]:
+    """Return the job that an upload became, and the shape if that was stored already."""
+    body = dict(response.json())
+    if response.status_code == httpx.codes.OK:
+        return {"id": "", "kind": "shape", "state": "succeeded", "shape_id": body["id"]}, body
+    return body, None
+
+
+def headers(api_key: str | None) -> dict[str, str]:
+    """Return the headers that every request carries."""
+    return {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
+
+
+def checked(response: httpx.Response) -> httpx.Response:
+    """Return a good answer; raise what a bad one says.
+
+    Raises
+    ------
+    NotFoundError
+        On 404.
+    ServiceError
+        On every other error, with the problem document.
+    """
+    if response.is_success:
+        return response
+    try:
+        problem = response.json()
+    except ValueError:
+        problem = {}
+    problem = problem if isinstance(problem, dict) else {}
+    message = str(problem.get("detail") or f"the service answered {response.status_code}")
+    if response.status_code == httpx.codes.NOT_FOUND:
+        raise NotFoundError(message)
+    raise ServiceError(message, status=response.status_code, problem=problem)
+
+
+def retry_after(response: httpx.Response) -> float | None:
+    """Return the seconds to wait where the service is full, None where it is not."""
+    if response.status_code != httpx.codes.TOO_MANY_REQUESTS:
+        return None
+    value = response.headers.get("Retry-After", "1")
+    return float(value) if value.isdecimal() else 1.0
+
+
+def outcome(job: Json) -> Json:
+    """Return an ended job that succeeded; raise the typed error of one that did not."""
+    if job["state"] == "succeeded":
+        return job
+    error = job.get("error") or {"code": "job_failed", "message": f"the job was {job['state']}"}
+    raise _JOB_ERRORS.get(error["code"], JobError)(error["message"])
+
+
+def unreachable(error: httpx.TransportError) -> ServiceError:
+    """Return the error of a service that did not answer."""
+    return ServiceError(f"the service could not be reached: {error}")

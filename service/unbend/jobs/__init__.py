@@ -1,0 +1,5 @@
+"""Jobs: a durable queue worked off by a pool of processes, with progress and cancellation."""
+
+from unbend.jobs.runner import JobLimits, JobRunner, Upload
+
+__all__ = ["JobLimits", "JobRunner", "Upload"]

@@ -1,0 +1,296 @@
+"""The dispatcher: takes jobs from the durable queue, has processes compute them, stores what comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import hashlib
+import logging
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pebble import ProcessExpired
+
+from unbend.errors import JobCancelledError, QueueFullError
+from unbend.jobs.failures import describe, typed_error
+from unbend.jobs.pool import WorkerPool
+from unbend.jobs.progress import ProgressFile
+from unbend.jobs.worker import Outcome, Task, compute
+from unbend.library import Library, queue
+from unbend.library import shapes as rows
+from unbend.library.records import JobKind, JobRecord, JobState, ShapeRecord
+from unbend.signature.parameters import Parameters
+
+logger = logging.getLogger("unbend.jobs")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class JobLimits:
+    """What one job, and the queue, may take."""
+
+    seconds: float = 600.0
+    memory_mb: int | None = 8192
+    queued: int = 10_000
+    attempts: int = 2
+    drain_seconds: float = 20.0
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file to compute: its bytes, and its name's extension where the content does not tell the format."""
+
+    data: bytes
+    file_type: str
+    parameters: Parameters
+
+
+class JobRunner:
+    """Runs a library's jobs; made and used within one event loop.
+
+    A job is durable when `submit` returns it. Jobs found running at `start` were cut off by the end of an
+    earlier process: they are run again, up to `limits.attempts` times.
+    """
+
+    def __init__(self, library: Library, *, workers: int, limits: JobLimits | None = None) -> None:
+        self.workers = workers
+        self.limits = limits or JobLimits()
+        self._library = library
+        self._pool = WorkerPool(workers, self.limits.memory_mb)
+        # twice as many jobs as processes are in hand, so that no process waits for the store
+        self._slots = asyncio.Semaphore(2 * workers)
+        self._wake = asyncio.Event()
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._finished: dict[str, asyncio.Event] = {}
+        self._folder = tempfile.TemporaryDirectory(prefix="unbend-")
+        self._dispatcher: asyncio.Task[None] | None = None
+        self._warming: asyncio.Task[None] | None = None
+
+    async def start(self) -> None:
+        """Take up what an earlier process left, begin, and warm the workers meanwhile."""
+        await asyncio.to_thread(self._recover)
+        self._warming = asyncio.create_task(self._pool.warm_up(), name="unbend warm-up")
+        self._dispatcher = asyncio.create_task(self._dispatch(), name="unbend dispatcher")
+
+    async def stop(self) -> None:
+        """Stop claiming, give running jobs `limits.drain_seconds`, put the rest back into the queue."""
+        own = [task for task in (self._dispatcher, self._warming) if task]
+        for task in own:
+            task.cancel()
+        await asyncio.gather(*own, return_exceptions=True)
+        if self._tasks:
+            await asyncio.wait(self._tasks.values(), timeout=self.limits.drain_seconds)
+        left = dict(self._tasks)
+        for task in left.values():
+            task.cancel()
+        await asyncio.gather(*left.values(), return_exceptions=True)
+        for job_id in left:
+            await asyncio.to_thread(self._give_back, job_id, count_attempt=False)
+        await asyncio.to_thread(self._pool.stop)
+        self._folder.cleanup()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the dispatcher runs."""
+        return self._dispatcher is not None and not self._dispatcher.done()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the workers have their kernels loaded."""
+        return self._warming is not None and self._warming.done() and not self._warming.exception()
+
+    @property
+    def running(self) -> int:
+        """How many jobs are in hand."""
+        return len(self._tasks)
+
+    async def submit(self, kind: JobKind, upload: Upload, request: dict[str, Any]) -> JobRecord | ShapeRecord:
+        """Queue a computation, durably; or return the stored shape, or the job under way, that is the same.
+
+        Raises
+        ------
+        QueueFullError
+            If `limits.queued` jobs wait already.
+        """
+        answer = await asyncio.to_thread(self._enqueue, kind, upload, request)
+        self._wake.set()
+        return answer
+
+    async def status(self, job_id: str) -> JobRecord:
+        """Return a job with its live progress; NotFoundError if there is none."""
+        return await asyncio.to_thread(self._status, job_id)
+
+    async def newest(self, *, state: JobState | None, limit: int) -> list[JobRecord]:
+        """Return the newest jobs, of one state if given."""
+        return await asyncio.to_thread(self._newest, state, limit)
+
+    async def queued(self) -> int:
+        """Return how many jobs wait."""
+        return await asyncio.to_thread(self._position, None)
+
+    async def position(self, job: JobRecord) -> int | None:
+        """Return how many jobs wait before a queued one."""
+        return None if job.state != "queued" else await asyncio.to_thread(self._position, job.seq)
+
+    async def wait(self, job_id: str, seconds: float) -> JobRecord:
+        """Return a job when it has ended, or as it is after `seconds`."""
+        await self.status(job_id)
+        event = self._finished.setdefault(job_id, asyncio.Event())
+        job = await self.status(job_id)  # again: it may have ended before the event was there
+        if job.finished:
+            self._finished.pop(job_id, None)
+            return job
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await event.wait()
+        return await self.status(job_id)
+
+    async def call(self, function: Callable[..., T], *arguments: object) -> T:
+        """Run a function on stored data in a worker process, past the queue, under the limits of a job.
+
+        Raises
+        ------
+        UnbendError
+            As the function does, or as a job would fail.
+        """
+        try:
+            return await self._pool.call(function, arguments, self.limits.seconds)
+        except Exception as error:
+            raise typed_error(error, self.limits.seconds) from error
+
+    async def cancel(self, job_id: str) -> JobRecord:
+        """Cancel a job: a queued one is never run, a running one's process is stopped; an ended one stays."""
+        error = describe(JobCancelledError("the job was cancelled"))
+        if await asyncio.to_thread(self._finish, job_id, "cancelled", error=error):
+            if task := self._tasks.get(job_id):
+                task.cancel()
+            self._announce(job_id)
+        return await self.status(job_id)
+
+    # The dispatcher's own steps
+
+    async def _dispatch(self) -> None:
+        while True:
+            await self._slots.acquire()
+            self._wake.clear()
+            job = await asyncio.to_thread(self._claim)
+            if job is None:
+                self._slots.release()
+                await self._wake.wait()
+                continue
+            task = asyncio.create_task(self._run(job), name=f"unbend job {job.id}")
+            self._tasks[job.id] = task
+            task.add_done_callback(partial(self._release, job.id))
+
+    def _release(self, job_id: str, _task: asyncio.Task[None]) -> None:
+        self._tasks.pop(job_id, None)
+        self._slots.release()
+        ProgressFile(self._progress_folder, job_id).remove()
+
+    async def _run(self, job: JobRecord) -> None:
+        task = Task(
+            job.id, self._library.store.url, self._progress_folder, job.mesh_sha256 or "", job.file_type, job.parameters
+        )
+        try:
+            outcome = await self._pool.call(compute, (task,), self.limits.seconds)
+            await asyncio.to_thread(self._store, job, outcome)
+        except ProcessExpired as error:
+            if job.attempts < self.limits.attempts:
+                logger.warning("job %s lost its process, attempt %d", job.id, job.attempts)
+                await asyncio.to_thread(self._give_back, job.id, count_attempt=True)
+                self._wake.set()
+                return
+            await self._fail(job, error)
+        except Exception as error:  # noqa: BLE001  whatever a job does, it ends as that job's failure
+            await self._fail(job, error)
+        self._announce(job.id)
+
+    async def _fail(self, job: JobRecord, error: Exception) -> None:
+        typed = typed_error(error, self.limits.seconds)
+        logger.info("job %s failed: %s: %s", job.id, typed.code, typed)
+        await asyncio.to_thread(self._finish, job.id, "failed", error=describe(typed))
+
+    def _announce(self, job_id: str) -> None:
+        if event := self._finished.pop(job_id, None):
+            event.set()
+
+    # What is done on the store, in threads
+
+    @property
+    def _progress_folder(self) -> Path:
+        return Path(self._folder.name)
+
+    def _enqueue(self, kind: JobKind, upload: Upload, request: dict[str, Any]) -> JobRecord | ShapeRecord:
+        sha256 = hashlib.sha256(upload.data).hexdigest()
+        parameters = upload.parameters.to_json()
+        with self._library.store.write() as connection:
+            if kind == "shape":
+                if shape := rows.find_shape(connection, sha256, parameters):
+                    return shape
+                if job := queue.find_active(connection, kind=kind, sha256=sha256, parameters=parameters):
+                    return job
+            waiting = queue.count_queued(connection)
+            if waiting >= self.limits.queued:
+                raise QueueFullError(f"{waiting} jobs wait already", retry_after=max(1, waiting // (50 * self.workers)))
+            rows.put_mesh(connection, sha256, upload.data)
+            return queue.enqueue(
+                connection, kind=kind, sha256=sha256, file_type=upload.file_type, parameters=parameters, request=request
+            )
+
+    def _claim(self) -> JobRecord | None:
+        with self._library.store.write() as connection:
+            return queue.claim(connection)
+
+    def _store(self, job: JobRecord, outcome: Outcome) -> None:
+        if job.kind == "query":
+            request = job.request
+            ranking = self._library.rank(outcome.signature, measure=request["measure"], k=request["k"])
+            self._finish(job.id, "succeeded", result=ranking.as_dict())
+            return
+        new = rows.NewShape(
+            sha256=job.mesh_sha256 or "", signature=outcome.signature, area=outcome.area, report=outcome.report,
+            name=job.request["name"], label=job.request["label"], metadata=job.request["metadata"],
+        )  # fmt: skip
+        with self._library.store.write() as connection:
+            if queue.get_job(connection, job.id).finished:  # cancelled while the result was on its way
+                return
+            shape = rows.add_shape(connection, new)
+            queue.finish(connection, job.id, "succeeded", shape_id=shape.id)
+
+    def _finish(self, job_id: str, state: JobState, **values: Any) -> bool:
+        with self._library.store.write() as connection:
+            return queue.finish(connection, job_id, state, **values)
+
+    def _give_back(self, job_id: str, *, count_attempt: bool) -> None:
+        with self._library.store.write() as connection:
+            queue.give_back(connection, job_id, count_attempt=count_attempt)
+
+    def _recover(self) -> None:
+        lost = typed_error(ProcessExpired("", 0, 0), self.limits.seconds)
+        with self._library.store.write() as connection:
+            for job in queue.running_jobs(connection):
+                if job.attempts < self.limits.attempts:
+                    queue.give_back(connection, job.id, count_attempt=True)
+                else:
+                    queue.finish(connection, job.id, "failed", error=describe(lost))
+
+    def _status(self, job_id: str) -> JobRecord:
+        with self._library.store.read() as connection:
+            return self._live(queue.get_job(connection, job_id))
+
+    def _live(self, job: JobRecord) -> JobRecord:
+        live = ProgressFile(self._progress_folder, job.id).read() if job.state == "running" else None
+        return job if live is None else dataclasses.replace(job, stage=live.stage, progress=live.share)
+
+    def _newest(self, state: JobState | None, limit: int) -> list[JobRecord]:
+        with self._library.store.read() as connection:
+            return [self._live(job) for job in queue.list_jobs(connection, state=state, limit=limit)]
+
+    def _position(self, seq: int | None) -> int:
+        with self._library.store.read() as connection:
+            return queue.count_queued(connection, before=seq)

@@ -1,0 +1,112 @@
+"""What runs inside a worker process: the only place where an uploaded file is parsed."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import signal
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from unbend.errors import JobMemoryError
+from unbend.geodesics.distances import Update, geodesic_distances
+from unbend.jobs.progress import ProgressFile
+from unbend.library.engine import Store
+from unbend.library.shapes import get_mesh
+from unbend.mesh.read import read_mesh
+from unbend.mesh.surface import Surface
+from unbend.mesh.write import write_mesh
+from unbend.signature.parameters import Parameters
+from unbend.signature.pipeline import compute_signature
+from unbend.signature.signature import Signature
+
+
+@dataclass(frozen=True)
+class Task:
+    """A job, as much as a worker needs of it."""
+
+    job_id: str
+    store_url: str
+    progress_folder: Path
+    sha256: str
+    file_type: str
+    parameters: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker computed."""
+
+    signature: Signature
+    area: float
+    report: dict[str, Any]
+
+
+def initialise(memory_bytes: int | None) -> None:
+    """Prepare a worker: one thread for each library, no more memory than allowed, Ctrl-C left to the server."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)  # the pool has a process for every core
+    if memory_bytes:
+        with contextlib.suppress(ValueError, OSError):  # systems that do not limit address space
+            resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+
+
+def compute(task: Task) -> Outcome:
+    """Read the job's mesh from the store and compute its signature.
+
+    Raises
+    ------
+    MeshError
+        If the mesh cannot be used.
+    JobMemoryError
+        If it asks for more memory than allowed.
+    """
+    progress = ProgressFile(task.progress_folder, task.job_id)
+    try:
+        progress.write("reading", 0.0)
+        store = _store(task.store_url)
+        with store.read() as connection:
+            data = get_mesh(connection, task.sha256)
+        surface = read_mesh(data, file_type=task.file_type)
+        signature = compute_signature(
+            surface, Parameters.from_json(task.parameters), progress=progress.write, threads=1
+        )
+    except MemoryError:
+        raise JobMemoryError("the mesh needs more memory than a job may use") from None
+    return Outcome(signature, surface.area, surface.report.as_dict())
+
+
+def distances_from(store_url: str, sha256: str, update: Update, source: int) -> list[float | None]:
+    """Return the geodesic distances of a stored mesh from one vertex; None where it cannot reach."""
+    surface = _stored_surface(store_url, sha256)
+    distances = geodesic_distances(surface, source, update=update, threads=1)[0]
+    return [float(distance) if np.isfinite(distance) else None for distance in distances]
+
+
+def convert(store_url: str, sha256: str, file_type: str) -> bytes:
+    """Return a stored mesh in another format, as it was after reading and repair."""
+    surface = _stored_surface(store_url, sha256)
+    return write_mesh(surface.vertices, surface.faces, file_type)
+
+
+def warm_up() -> bool:
+    """Compile or load every kernel by computing a small signature, so that the first job does not wait."""
+    tetrahedron = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
+    compute_signature(read_mesh(tetrahedron), threads=1)
+    return True
+
+
+def _stored_surface(store_url: str, sha256: str) -> Surface:
+    with _store(store_url).read() as connection:
+        data = get_mesh(connection, sha256)
+    return read_mesh(data)
+
+
+@cache
+def _store(url: str) -> Store:
+    return Store(url, migrate=False)

@@ -1,0 +1,5 @@
+"""The library: shapes, signatures and jobs in a database, and search among them."""
+
+from unbend.library.library import Library, Ranking
+
+__all__ = ["Library", "Ranking"]

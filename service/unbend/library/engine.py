@@ -1,0 +1,103 @@
+"""Opening a store: the connection's settings, transactions, and the migration to today's schema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from alembic import command
+from alembic.config import Config
+from alembic.util import CommandError
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError, OperationalError
+
+from unbend.errors import ParameterError, StoreError, StoreVersionError
+
+_BUSY_SECONDS = 30
+_MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+class Store:
+    """An open database; thread-safe.
+
+    Parameters
+    ----------
+    url : str
+        A path of an SQLite file, or an SQLAlchemy URL.
+    migrate : bool, default True
+        Bring the schema up to date first. Worker processes leave that to the process that started them.
+
+    Raises
+    ------
+    StoreVersionError
+        If the store was made by a later version.
+    StoreError
+        If it cannot be opened.
+    """
+
+    def __init__(self, url: str, *, migrate: bool = True) -> None:
+        self.url = _full_url(url)
+        self._engine = create_engine(self.url)
+        if self._engine.dialect.name == "sqlite":
+            event.listen(self._engine, "connect", _prepare_sqlite)
+            event.listen(self._engine, "begin", _begin_sqlite)
+        if migrate:
+            _migrate(self._engine)
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Yield a connection that sees one unchanging state."""
+        with self._engine.connect() as connection:
+            yield connection.execution_options(unbend_reading=True)
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Yield a connection whose changes are kept together, on disk, when the block ends without an error."""
+        with self._engine.begin() as connection:
+            yield connection
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._engine.dispose()
+
+
+def _full_url(url: str) -> str:
+    if "://" not in url:
+        return f"sqlite:///{Path(url).expanduser()}"
+    try:
+        return make_url(url).render_as_string(hide_password=False)
+    except ArgumentError:
+        raise ParameterError(f"{url.split(':', maxsplit=1)[0]}: not a path or a database URL") from None
+
+
+def _prepare_sqlite(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions are begun below, not by the driver
+    cursor = connection.cursor()
+    cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
+    cursor.execute("PRAGMA journal_mode = WAL")
+    cursor.execute("PRAGMA synchronous = FULL")  # what was acknowledged survives a power cut
+    cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    # A writer takes its lock at once: one that reads first and writes later can be refused half way.
+    reading = connection.get_execution_options().get("unbend_reading", False)
+    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
+
+
+def _migrate(engine: Engine) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    try:
+        with engine.begin() as connection:
+            config.attributes["connection"] = connection
+            command.upgrade(config, "head")
+    except CommandError as error:
+        raise StoreVersionError("the library was made by a later version of unbend") from error
+    except OperationalError as error:
+        raise StoreError(f"the library at {engine.url.render_as_string()} cannot be opened: {error.orig}") from error

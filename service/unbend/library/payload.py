@@ -1,0 +1,50 @@
+"""Signatures and vectors as bytes: npz without pickle, and plain float64."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+
+from unbend.arrays import Floats
+from unbend.signature.parameters import Parameters
+from unbend.signature.signature import Signature
+
+_ARRAYS = ("points", "faces", "samples", "weights")
+_NUMBERS = ("scale", "stress", "asymmetry")
+
+
+def pack_signature(signature: Signature) -> bytes:
+    """Return `signature` as an npz file: its arrays, and the rest as JSON under "about"."""
+    about = {name: getattr(signature, name) for name in _NUMBERS}
+    about |= {"parameters": signature.parameters.as_dict(), "version": signature.version}
+    arrays = {name: getattr(signature, name) for name in _ARRAYS}
+    arrays |= {f"descriptors/{name}": vector for name, vector in signature.descriptors.items()}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
+    return buffer.getvalue()
+
+
+def unpack_signature(data: bytes) -> Signature:
+    """Return the signature that `pack_signature` packed."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        about = json.loads(file["about"].tobytes())
+        names = [name.removeprefix("descriptors/") for name in file.files if name.startswith("descriptors/")]
+        return Signature(
+            **{name: file[name] for name in _ARRAYS},
+            **{name: about[name] for name in _NUMBERS},
+            descriptors={name: file[f"descriptors/{name}"] for name in names},
+            parameters=Parameters.from_dict(about["parameters"]),
+            version=about["version"],
+        )
+
+
+def pack_vector(vector: Floats) -> bytes:
+    """Return `vector` as little-endian float64."""
+    return vector.astype("<f8").tobytes()
+
+
+def unpack_vector(data: bytes) -> Floats:
+    """Return the vector that `pack_vector` packed."""
+    return np.frombuffer(data, "<f8").astype(np.float64)

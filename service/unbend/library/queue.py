@@ -1,0 +1,128 @@
+"""The durable queue: rows of `jobs` and the moves between their states."""
+
+from __future__ import annotations
+
+import uuid
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy.engine import Row
+
+from unbend.errors import NotFoundError
+from unbend.library.records import JobKind, JobRecord, JobState
+from unbend.library.schema import jobs
+from unbend.library.shapes import drop_unused_mesh
+
+
+def enqueue(
+    connection: Connection,
+    *,
+    kind: JobKind,
+    sha256: str,
+    file_type: str,
+    parameters: str,
+    request: dict[str, Any],
+) -> JobRecord:
+    """Append a job whose mesh is stored already."""
+    job_id = uuid.uuid4().hex
+    connection.execute(
+        insert(jobs).values(
+            id=job_id, kind=kind, state="queued", stage="queued", progress=0.0, attempts=0, mesh_sha256=sha256,
+            file_type=file_type, parameters=parameters, request=request, created_at=datetime.now(UTC),
+        )
+    )  # fmt: skip
+    return get_job(connection, job_id)
+
+
+def get_job(connection: Connection, job_id: str) -> JobRecord:
+    """Return a job; NotFoundError if there is none of this id."""
+    row = connection.execute(select(jobs).where(jobs.c.id == job_id)).one_or_none()
+    if row is None:
+        raise NotFoundError(f"no job {job_id}")
+    return _record(row)
+
+
+def list_jobs(connection: Connection, *, state: JobState | None, limit: int) -> list[JobRecord]:
+    """Return the newest jobs, of one state if given."""
+    query = select(jobs).order_by(jobs.c.seq.desc()).limit(limit)
+    if state is not None:
+        query = query.where(jobs.c.state == state)
+    return [_record(row) for row in connection.execute(query)]
+
+
+def find_active(connection: Connection, *, kind: JobKind, sha256: str, parameters: str) -> JobRecord | None:
+    """Return the unfinished job that computes this already, if there is one."""
+    query = select(jobs).where(
+        jobs.c.kind == kind,
+        jobs.c.mesh_sha256 == sha256,
+        jobs.c.parameters == parameters,
+        jobs.c.state.in_(("queued", "running")),
+    )
+    row = connection.execute(query.limit(1)).one_or_none()
+    return None if row is None else _record(row)
+
+
+def count_queued(connection: Connection, before: int | None = None) -> int:
+    """Return how many jobs wait, all or those ahead of the job with this seq."""
+    query = select(func.count()).select_from(jobs).where(jobs.c.state == "queued")
+    return connection.scalar(query if before is None else query.where(jobs.c.seq < before)) or 0
+
+
+def claim(connection: Connection) -> JobRecord | None:
+    """Take the oldest queued job to run it; None where the queue is empty."""
+    oldest = select(jobs.c.seq).where(jobs.c.state == "queued").order_by(jobs.c.seq).limit(1).scalar_subquery()
+    row = connection.execute(
+        update(jobs)
+        .where(jobs.c.seq == oldest, jobs.c.state == "queued")
+        .values(state="running", stage="starting", attempts=jobs.c.attempts + 1, started_at=datetime.now(UTC))
+        .returning(*jobs.c)
+    ).one_or_none()
+    return None if row is None else _record(row)
+
+
+def give_back(connection: Connection, job_id: str, *, count_attempt: bool) -> None:
+    """Put a running job back into the queue, at its old place."""
+    values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
+    if not count_attempt:
+        values["attempts"] = jobs.c.attempts - 1
+    connection.execute(update(jobs).where(jobs.c.id == job_id, jobs.c.state == "running").values(**values))
+
+
+def finish(
+    connection: Connection,
+    job_id: str,
+    state: JobState,
+    *,
+    error: dict[str, Any] | None = None,
+    result: dict[str, Any] | None = None,
+    shape_id: str | None = None,
+) -> bool:
+    """End an unfinished job and forget its mesh if nothing else needs it; False if it had ended before."""
+    done = state == "succeeded"
+    values: dict[str, Any] = {
+        "state": state,
+        "finished_at": datetime.now(UTC),
+        "error": error,
+        "result": result,
+    }
+    values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if done else {}
+    sha256 = connection.scalar(
+        update(jobs)
+        .where(jobs.c.id == job_id, jobs.c.state.in_(("queued", "running")))
+        .values(**values)
+        .returning(jobs.c.mesh_sha256)
+    )
+    if sha256 is None:
+        return False
+    drop_unused_mesh(connection, sha256)
+    return True
+
+
+def running_jobs(connection: Connection) -> list[JobRecord]:
+    """Return the jobs that a server was running when it was last here."""
+    return [_record(row) for row in connection.execute(select(jobs).where(jobs.c.state == "running"))]
+
+
+def _record(row: Row[Any]) -> JobRecord:
+    return JobRecord(**row._asdict())

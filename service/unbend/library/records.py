@@ -1,0 +1,75 @@
+"""Rows of the store as immutable values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+JobKind = Literal["shape", "query"]
+
+
+@dataclass(frozen=True)
+class ShapeRecord:
+    """A member of the library, without its arrays."""
+
+    id: str
+    name: str
+    label: str | None
+    metadata: dict[str, Any]
+    sha256: str
+    size: int
+    parameters: dict[str, Any]
+    version: str
+    area: float
+    stress: float
+    report: dict[str, Any]
+    created_at: datetime
+    seq: int
+
+
+@dataclass(frozen=True)
+class ShapePage:
+    """Some shapes in the order they were added, and where the next page begins."""
+
+    items: list[ShapeRecord]
+    next_cursor: str | None
+
+
+@dataclass(frozen=True)
+class ShapeMatch:
+    """A stored shape and its distance from a query."""
+
+    id: str
+    name: str
+    label: str | None
+    distance: float
+
+
+@dataclass(frozen=True)
+class JobRecord:
+    """A job as the store has it."""
+
+    id: str
+    kind: JobKind
+    state: JobState
+    stage: str
+    progress: float
+    attempts: int
+    mesh_sha256: str | None
+    file_type: str
+    parameters: str
+    request: dict[str, Any]
+    error: dict[str, Any] | None
+    result: dict[str, Any] | None
+    shape_id: str | None
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    seq: int
+
+    @property
+    def finished(self) -> bool:
+        """Whether the state will not change any more."""
+        return self.state in {"succeeded", "failed", "cancelled"}

@@ -1,0 +1,129 @@
+"""The store's tables. Migrations make them; a test checks that both agree."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    Column,
+    Dialect,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    TypeDecorator,
+    UniqueConstraint,
+)
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+
+class Instant(TypeDecorator[datetime]):
+    """A moment in UTC, kept as seconds since 1970: the same on every database, and it sorts."""
+
+    impl = Float
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> float | None:  # noqa: ARG002
+        """To seconds."""
+        return None if value is None else value.timestamp()
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """From seconds."""
+        return None if value is None else datetime.fromtimestamp(value, UTC)
+
+
+meshes = Table(
+    "meshes",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    Column("size", Integer, nullable=False),
+    Column("data", LargeBinary, nullable=False),
+    comment="Uploaded files, byte for byte; one row however often a file is sent.",
+)
+
+signatures = Table(
+    "signatures",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("mesh_sha256", ForeignKey("meshes.sha256"), nullable=False),
+    Column("parameters", String, nullable=False),
+    Column("version", String, nullable=False),
+    Column("report", JSON, nullable=False),
+    Column("area", Float, nullable=False),
+    Column("stress", Float, nullable=False),
+    Column("payload", LargeBinary, nullable=False),
+    UniqueConstraint("mesh_sha256", "parameters", "version"),
+    comment="What was computed: one row for a file, parameters and version of the algorithm.",
+)
+
+descriptors = Table(
+    "descriptors",
+    metadata,
+    Column("signature_id", ForeignKey("signatures.id", ondelete="CASCADE"), primary_key=True),
+    Column("measure", String, primary_key=True),
+    Column("vector", LargeBinary, nullable=False),
+    comment="Vectors for comparing, little-endian float64.",
+)
+
+shapes = Table(
+    "shapes",
+    metadata,
+    Column("seq", Integer, primary_key=True, autoincrement=True),
+    Column("id", String(32), nullable=False, unique=True),
+    Column("name", String, nullable=False),
+    Column("label", String),
+    Column("metadata", JSON, nullable=False),
+    Column("signature_id", ForeignKey("signatures.id"), nullable=False, unique=True),
+    Column("created_at", Instant, nullable=False),
+    Index(None, "label", "seq"),
+    sqlite_autoincrement=True,
+    comment="The library's members. seq never comes again, so that pages and the search index can rely on it.",
+)
+
+jobs = Table(
+    "jobs",
+    metadata,
+    Column("seq", Integer, primary_key=True, autoincrement=True),
+    Column("id", String(32), nullable=False, unique=True),
+    Column("kind", String, nullable=False),
+    Column("state", String, nullable=False),
+    Column("stage", String, nullable=False),
+    Column("progress", Float, nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("mesh_sha256", ForeignKey("meshes.sha256")),
+    Column("file_type", String, nullable=False),
+    Column("parameters", String, nullable=False),
+    Column("request", JSON, nullable=False),
+    Column("error", JSON),
+    Column("result", JSON),
+    Column("shape_id", String(32)),
+    Column("created_at", Instant, nullable=False),
+    Column("started_at", Instant),
+    Column("finished_at", Instant),
+    Index(None, "state", "seq"),
+    Index(None, "mesh_sha256"),
+    sqlite_autoincrement=True,
+    comment="The queue and its history.",
+)
+
+library_state = Table(
+    "library_state",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("revision", Integer, nullable=False),
+    comment="One row; revision counts changes to shapes other than additions, so that caches know.",
+)

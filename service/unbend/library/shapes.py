@@ -1,0 +1,190 @@
+"""Shapes, their meshes, signatures and descriptors: reads and writes within the caller's transaction."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, delete, exists, func, insert, select, update
+from sqlalchemy.engine import Row
+
+from unbend.errors import NotFoundError, ParameterError
+from unbend.library.payload import pack_signature, pack_vector
+from unbend.library.records import ShapePage, ShapeRecord
+from unbend.library.schema import descriptors, jobs, library_state, meshes, shapes, signatures
+from unbend.signature.signature import ALGORITHM_VERSION, Signature
+
+MAX_PAGE = 500
+
+_COLUMNS = (
+    shapes.c.id, shapes.c.name, shapes.c.label, shapes.c.metadata, meshes.c.sha256, meshes.c.size,
+    signatures.c.parameters, signatures.c.version, signatures.c.area, signatures.c.stress, signatures.c.report,
+    shapes.c.created_at, shapes.c.seq,
+)  # fmt: skip
+_JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
+    meshes, signatures.c.mesh_sha256 == meshes.c.sha256
+)
+
+
+@dataclass(frozen=True)
+class NewShape:
+    """What is stored of a shape once its signature is there."""
+
+    sha256: str
+    signature: Signature
+    area: float
+    report: dict[str, Any]
+    name: str
+    label: str | None
+    metadata: dict[str, Any]
+
+
+def put_mesh(connection: Connection, sha256: str, data: bytes) -> None:
+    """Keep a file's bytes, once."""
+    if not connection.scalar(select(exists().where(meshes.c.sha256 == sha256))):
+        connection.execute(insert(meshes).values(sha256=sha256, size=len(data), data=data))
+
+
+def get_mesh(connection: Connection, sha256: str) -> bytes:
+    """Return a file's bytes."""
+    data = connection.scalar(select(meshes.c.data).where(meshes.c.sha256 == sha256))
+    if data is None:
+        raise NotFoundError(f"no mesh {sha256}")
+    return bytes(data)
+
+
+def drop_unused_mesh(connection: Connection, sha256: str) -> None:
+    """Forget a file's bytes if no signature and no unfinished job needs them."""
+    wanted = connection.scalar(
+        select(
+            exists().where(signatures.c.mesh_sha256 == sha256)
+            | exists().where(jobs.c.mesh_sha256 == sha256, jobs.c.state.in_(("queued", "running")))
+        )
+    )
+    if not wanted:
+        connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
+        connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
+
+
+def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
+    """Store a shape whose mesh is stored already; return the one that is there if it has the same key."""
+    known = find_shape(connection, new.sha256, new.signature.parameters.to_json(), new.signature.version)
+    if known:
+        return known
+    signature = new.signature
+    inserted = connection.execute(
+        insert(signatures).values(
+            mesh_sha256=new.sha256, parameters=signature.parameters.to_json(), version=signature.version,
+            report=new.report, area=new.area, stress=signature.stress, payload=pack_signature(signature),
+        )
+    ).inserted_primary_key  # fmt: skip
+    (signature_id,) = inserted or (None,)
+    connection.execute(
+        insert(descriptors),
+        [
+            {"signature_id": signature_id, "measure": measure, "vector": pack_vector(vector)}
+            for measure, vector in signature.descriptors.items()
+        ],
+    )
+    shape_id = uuid.uuid4().hex
+    connection.execute(
+        insert(shapes).values(
+            id=shape_id, name=new.name, label=new.label, metadata=new.metadata, signature_id=signature_id,
+            created_at=datetime.now(UTC),
+        )
+    )  # fmt: skip
+    return get_shape(connection, shape_id)
+
+
+def find_shape(
+    connection: Connection, sha256: str, parameters: str, version: str = ALGORITHM_VERSION
+) -> ShapeRecord | None:
+    """Return the shape of a file, parameters and version, if there is one."""
+    row = connection.execute(
+        select(*_COLUMNS)
+        .select_from(_JOINED)
+        .where(
+            signatures.c.mesh_sha256 == sha256,
+            signatures.c.parameters == parameters,
+            signatures.c.version == version,
+        )
+    ).one_or_none()
+    return None if row is None else _record(row)
+
+
+def get_shape(connection: Connection, shape_id: str) -> ShapeRecord:
+    """Return a shape; NotFoundError if there is none of this id."""
+    row = connection.execute(select(*_COLUMNS).select_from(_JOINED).where(shapes.c.id == shape_id)).one_or_none()
+    if row is None:
+        raise NotFoundError(f"no shape {shape_id}")
+    return _record(row)
+
+
+def get_signature_payload(connection: Connection, shape_id: str) -> bytes:
+    """Return a shape's packed signature."""
+    payload = connection.scalar(select(signatures.c.payload).select_from(_JOINED).where(shapes.c.id == shape_id))
+    if payload is None:
+        raise NotFoundError(f"no shape {shape_id}")
+    return bytes(payload)
+
+
+def list_shapes(connection: Connection, *, label: str | None, cursor: str | None, limit: int) -> ShapePage:
+    """Return up to `limit` shapes after `cursor`, in the order they were added."""
+    query = select(*_COLUMNS).select_from(_JOINED).order_by(shapes.c.seq).limit(min(limit, MAX_PAGE) + 1)
+    if label is not None:
+        query = query.where(shapes.c.label == label)
+    if cursor is not None:
+        query = query.where(shapes.c.seq > _cursor(cursor))
+    rows = [_record(row) for row in connection.execute(query)]
+    page = rows[: min(limit, MAX_PAGE)]
+    return ShapePage(page, str(page[-1].seq) if len(rows) > len(page) else None)
+
+
+def change_shape(connection: Connection, shape_id: str, changes: dict[str, Any]) -> ShapeRecord:
+    """Change a shape's name, label or metadata."""
+    get_shape(connection, shape_id)
+    if changes:
+        connection.execute(update(shapes).where(shapes.c.id == shape_id).values(**changes))
+        _bump_revision(connection)
+    return get_shape(connection, shape_id)
+
+
+def remove_shape(connection: Connection, shape_id: str) -> None:
+    """Remove a shape, its signature and descriptors, and its file unless something else needs it."""
+    record = get_shape(connection, shape_id)
+    signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
+    connection.execute(delete(shapes).where(shapes.c.id == shape_id))
+    connection.execute(delete(signatures).where(signatures.c.id == signature_id))
+    drop_unused_mesh(connection, record.sha256)
+    _bump_revision(connection)
+
+
+def count_labels(connection: Connection) -> dict[str, int]:
+    """Return how many shapes each label has, by label."""
+    query = (
+        select(shapes.c.label, func.count().label("size")).where(shapes.c.label.is_not(None)).group_by(shapes.c.label)
+    )
+    return {row.label: row.size for row in connection.execute(query.order_by(shapes.c.label))}
+
+
+def count_shapes(connection: Connection) -> int:
+    """Return how many shapes there are."""
+    return connection.scalar(select(func.count()).select_from(shapes)) or 0
+
+
+def _bump_revision(connection: Connection) -> None:
+    connection.execute(update(library_state).values(revision=library_state.c.revision + 1))
+
+
+def _cursor(text: str) -> int:
+    if not text.isdecimal() or len(text) > 18:
+        raise ParameterError(f"cursor {text[:40]!r} did not come from a page of this library")
+    return int(text)
+
+
+def _record(row: Row[*tuple[Any, ...]]) -> ShapeRecord:
+    values = row._asdict()
+    return ShapeRecord(**values | {"parameters": json.loads(values["parameters"])})

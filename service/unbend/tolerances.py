@@ -11,6 +11,9 @@ In double precision a height is known to about 1e-16 of the edge; six digits abo
 coordinates of `geodesics.stencils` still keep six digits.
 """
 
+START_DISC_EDGES: Final = 3.0
+"""Radius, in mean edges at the source, of the disc that planar fast marching starts with already unfolded."""
+
 UNFOLDING_STEPS: Final = 12
 """Triangles an obtuse corner is unfolded over before it is left as it is.
 
@@ -22,3 +25,6 @@ SMACOF_DECREASE: Final = 1e-5
 
 SMACOF_ITERATIONS: Final = 300
 """SMACOF stops after this many iterations whatever the decrease."""
+
+SPECTRUM_FLOOR: Final = 1e-9
+"""Eigenvalues of the geodesic spectrum below this are rounding; the largest is near 1, for weights sum to 1."""

@@ -29,4 +29,4 @@ def principal_pose(points: Floats, weights: Floats) -> Floats:
     _, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
     turned = centred @ axes[:, ::-1]
     skew = share @ turned**3
-    return np.where(skew < 0, -1.0, 1.0) * turned
+    return np.asarray(turned * np.where(skew < 0, -1.0, 1.0))

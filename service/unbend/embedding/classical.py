@@ -37,7 +37,7 @@ def classical_scaling(distances: Floats, dimensions: int) -> tuple[Floats, Float
 
 def _double_centred(squared: Floats) -> Floats:
     means = squared.mean(axis=0)
-    return -0.5 * (squared - means[:, None] - means[None, :] + means.mean())
+    return np.asarray(-0.5 * (squared - means[:, None] - means[None, :] + means.mean()))
 
 
 def _signs(points: Floats) -> Floats:

@@ -6,6 +6,7 @@ import numpy as np
 
 from unbend.geodesics.heap import pop, push_or_decrease
 from unbend.jit import inlined, kernel
+from unbend.tolerances import START_DISC_EDGES
 
 
 @inlined
@@ -39,6 +40,14 @@ def _spherical(ua, ub, c, x, y):
     return np.sqrt((x - sx) * (x - sx) + height * height)
 
 
+@inlined
+def _mean_edge(offsets, entries, vertex):
+    total = 0.0
+    for index in range(offsets[vertex], offsets[vertex + 1]):
+        total += np.sqrt(entries[index].x ** 2 + entries[index].y ** 2)
+    return total / max(1, offsets[vertex + 1] - offsets[vertex])
+
+
 @kernel
 def march(offsets, entries, source, spherical, distance, owner, label, keys, items, position):
     """March from `source` and lower `distance` wherever the front improves it; it stops where it does not.
@@ -46,7 +55,11 @@ def march(offsets, entries, source, spherical, distance, owner, label, keys, ite
     With `distance` all inf this is plain fast marching. With the distances to earlier sources it visits only
     the new source's Voronoi cell, which is what makes farthest point sampling cheap. `owner` holds the label of
     the front that accepted each vertex: two distances are combined only where one front gave both.
+
+    Near its source a front is nothing like a plane, and what the planar update errs there it carries everywhere;
+    so both updates start with a small disc of spherical ones, which unfold it exactly where it is flat.
     """
+    disc = START_DISC_EDGES * _mean_edge(offsets, entries, source)
     distance[source] = 0.0
     size = push_or_decrease(keys, items, position, 0, source, 0.0)
     while size > 0:
@@ -62,7 +75,10 @@ def march(offsets, entries, source, spherical, distance, owner, label, keys, ite
             candidate = np.inf
             if owner[entry.other] == label and c > 0.0:
                 ub = distance[entry.other]
-                candidate = _spherical(ua, ub, c, x, y) if spherical else _planar(ua, ub, c, x, y)
+                if spherical or ua <= disc:
+                    candidate = _spherical(ua, ub, c, x, y)
+                else:
+                    candidate = _planar(ua, ub, c, x, y)
             if candidate == np.inf:  # the way along the edge; one through the triangle is never longer
                 candidate = ua + np.sqrt(x * x + y * y)
             if candidate < distance[target]:

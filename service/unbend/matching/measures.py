@@ -40,9 +40,19 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
         measure.name: measure
         for measure in (
             Measure(
+                "spectrum",
+                ("bending", "rotation", "reflection", "scale"),
+                "Smeets et al. 2012 (SD-GDM): eigenvalues of the geodesic distance matrix",
+            ),
+            Measure(
                 "moments",
                 ("bending", "rotation", "reflection", "scale"),
                 "Elad & Kimmel 2003, section 2.3, after Tal & Elad: moments of the signature surface",
+            ),
+            Measure(
+                "distribution",
+                ("bending", "rotation", "reflection", "scale"),
+                "Osada et al. 2001 (D2), of geodesic distances and of distances in the signature",
             ),
             Measure(
                 "surface_moments",
@@ -53,7 +63,7 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
     }
 )
 
-DEFAULT_MEASURE: Final = "moments"
+DEFAULT_MEASURE: Final = "spectrum"
 
 
 def get_measure(name: str) -> Measure:

@@ -33,7 +33,8 @@ class Parameters:
         How fast marching crosses a triangle.
     scaling : {"area", "box"}
         What is made 1: the area of the surface, or the longest side of the signature's bounding box (the
-        paper's). Area is the default, for a box hangs on the few points that touch it.
+        paper's). Area is the default, for a box hangs on the few points that touch it. Descriptors are always
+        those for area 1.
 
     Raises
     ------

@@ -7,8 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from unbend.arrays import Floats, Ints
+from unbend.descriptors.distribution import distance_distribution
 from unbend.descriptors.moments import moments
 from unbend.descriptors.pose import principal_pose
+from unbend.descriptors.spectrum import geodesic_spectrum
 from unbend.embedding.embed import embed
 from unbend.errors import MeshGeometryError
 from unbend.geodesics.distances import sampled_matrix
@@ -84,16 +86,15 @@ def compute_signature(
     weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)
     posed = principal_pose(embedding.points, weights)
     scale = _scale(posed, surface.area, chosen)
-    points = posed / scale
     return Signature(
-        points=points,
+        points=posed / scale,
         faces=voronoi_dual(surface.faces, sampling.nearest),
         samples=sampling.samples,
         weights=weights / weights.sum(),
         scale=scale,
         stress=embedding.stress,
         asymmetry=matrix.asymmetry,
-        descriptors={"moments": moments(points, weights), "surface_moments": _surface_moments(surface)},
+        descriptors=_describe(surface, posed, matrix.distances, weights / weights.sum()),
         parameters=chosen,
     )
 
@@ -107,6 +108,17 @@ def _scale(posed: Floats, area: float, parameters: Parameters) -> float:
     if parameters.scaling == "area":
         return float(np.sqrt(area))
     return float(np.ptp(posed, axis=0).max())
+
+
+def _describe(surface: Surface, posed: Floats, distances: Floats, weights: Floats) -> dict[str, Floats]:
+    # always for area 1, whatever the points are scaled to
+    points, unit = posed / np.sqrt(surface.area), distances / np.sqrt(surface.area)
+    return {
+        "spectrum": geodesic_spectrum(unit, weights),
+        "moments": moments(points, weights),
+        "distribution": distance_distribution(unit, points, weights),
+        "surface_moments": _surface_moments(surface),
+    }
 
 
 def _surface_moments(surface: Surface) -> Floats:

@@ -50,6 +50,16 @@ class Signature:
         return self.descriptors["moments"]
 
     @property
+    def spectrum(self) -> Floats:
+        """Geodesic spectrum, (160,)."""
+        return self.descriptors["spectrum"]
+
+    @property
+    def distribution(self) -> Floats:
+        """Quantiles of the geodesic distances and of those in the signature, (128,)."""
+        return self.descriptors["distribution"]
+
+    @property
     def surface_moments(self) -> Floats:
         """The same moments of the surface as it stands in space, not bending-invariant: for comparison."""
         return self.descriptors["surface_moments"]

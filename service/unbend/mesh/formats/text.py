@@ -18,7 +18,7 @@ def bare_obj(data: bytes) -> bytes:
     every material; without those, vertices stay as they are numbered in the file.
     """
     lines: list[bytes] = []
-    vertices = 0
+    vertices, largest, where = 0, 0, 0
     for number, line in _obj_lines(data):
         words = line.split()
         if words[0] == b"v":
@@ -28,7 +28,11 @@ def bare_obj(data: bytes) -> bytes:
             corners = [_corner(word, vertices, number) for word in words[1:]]
             if len(corners) < 3:
                 raise MeshReadError(f"line {number}: a face with {len(corners)} corners")
-            lines.append(b"f " + b" ".join(corners))
+            lines.append(b"f " + b" ".join(map(b"%d".__mod__, corners)))
+            if max(corners) > largest:
+                largest, where = max(corners), number
+    if largest > vertices:
+        raise MeshReadError(f"line {where}: a face with vertex {largest}, but there are {vertices}")
     return b"\n".join(lines) + b"\n"
 
 
@@ -53,7 +57,7 @@ def check_off(data: bytes) -> None:
         if found <= vertices:
             _numbers(line.split()[:_VERTEX_FIELDS], number, line)
         elif found <= vertices + faces:
-            _check_off_face(line, number)
+            _check_off_face(line, number, vertices)
         else:
             break
     if found < vertices + faces:
@@ -88,7 +92,7 @@ def _numbers(words: list[bytes], number: int, line: bytes, prefix: bytes | None 
     return words if prefix is None else [prefix, *words]
 
 
-def _corner(word: bytes, vertices: int, number: int) -> bytes:
+def _corner(word: bytes, vertices: int, number: int) -> int:
     try:
         index = int(_WITHOUT_SLASH.sub(b"", word))
     except ValueError:
@@ -96,16 +100,18 @@ def _corner(word: bytes, vertices: int, number: int) -> bytes:
     index = index if index > 0 else vertices + 1 + index  # negative ones count back from the last vertex
     if index < 1:
         raise MeshReadError(f"line {number}: {_shown(word)} is before the first vertex")
-    return str(index).encode()
+    return index
 
 
-def _check_off_face(line: bytes, number: int) -> None:
+def _check_off_face(line: bytes, number: int, vertices: int) -> None:
     try:
         count, *corners = (int(word) for word in _face_words(line))
     except ValueError:
         raise MeshReadError(f"line {number}: a face expected, found {_shown(line)}") from None
     if count < 3 or len(corners) < count:
         raise MeshReadError(f"line {number}: a face with {min(count, len(corners))} of {count} corners")
+    if min(corners) < 0 or max(corners) >= vertices:
+        raise MeshReadError(f"line {number}: a face outside the {vertices} vertices, in {_shown(line)}")
 
 
 def _face_words(line: bytes) -> list[bytes]:

@@ -1,0 +1,150 @@
+"""Skeletons: trees of rounded-cone bones, and their poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from unbend.arrays import Floats, Indices, frozen
+from unbend.mesh.shapes.implicit import BlendedCones
+
+Range = tuple[float, float]
+Vector = tuple[float, float, float]
+
+BLEND = 0.5
+"""Width of the blend at a joint, as a share of the thinner bone's radius there."""
+
+ATTEMPTS = 400
+SHRINKING = 0.985
+"""Each rejected pose makes the next try this much tamer, so that the search ends: the rest pose is valid."""
+
+
+@dataclass(frozen=True)
+class Bone:
+    """One rounded cone of a skeleton.
+
+    Parameters
+    ----------
+    name, parent : str
+        The parent comes earlier in the skeleton; "" is the root.
+    length : float
+        Of the axis.
+    radii : two floats
+        At the start and at the end; they differ by less than `length`.
+    direction : three floats
+        At rest, in the figure's frame: x to its left, y to its back negative and front positive, z up.
+    bend : up to three ranges
+        Rotation about the figure's x, y, z axes relative to the parent, degrees; none for a rigid joint.
+    at : float, default 1.0
+        Where on the parent's axis it starts, 0 to 1.
+    """
+
+    name: str
+    parent: str
+    length: float
+    radii: Range
+    direction: Vector
+    bend: tuple[Range, Range, Range] = ((0, 0), (0, 0), (0, 0))
+    at: float = 1.0
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the joint cannot turn."""
+        return not any(limit for axis in self.bend for limit in axis)
+
+    def mirrored(self) -> Bone:
+        """Return the bone's counterpart on the other side, x -> -x; "left" in names becomes "right"."""
+        x, y, z = self.direction
+        about_x, (y_low, y_high), (z_low, z_high) = self.bend
+        bend = (about_x, (-y_high, -y_low), (-z_high, -z_low))
+        name, parent = (text.replace("left", "right") for text in (self.name, self.parent))
+        return Bone(name, parent, self.length, self.radii, (-x, y, z), bend, self.at)
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Bones, parents before children, the root first."""
+
+    bones: tuple[Bone, ...]
+
+    @cached_property
+    def parents(self) -> Indices:
+        """Index of each bone's parent, (b,); -1 for the root."""
+        index = {bone.name: number for number, bone in enumerate(self.bones)}
+        return frozen([index.get(bone.parent, -1) for bone in self.bones], np.int64)
+
+    @cached_property
+    def pairs(self) -> Indices:
+        """The bones that blend, (m, 2): parent and child, and rigid siblings; none of them can collide."""
+        found = [(int(parent), child) for child, parent in enumerate(self.parents) if parent >= 0]
+        fixed = [number for number, bone in enumerate(self.bones) if bone.rigid]
+        found += [(a, b) for a in fixed for b in fixed if a < b and self.parents[a] == self.parents[b] >= 0]
+        return frozen(found, np.int64)
+
+    @property
+    def skin(self) -> float:
+        """Sum of the bones' lateral areas: roughly the figure's area."""
+        return float(sum(np.pi * sum(bone.radii) * bone.length for bone in self.bones))
+
+    def rest(self) -> BlendedCones:
+        """Return the cones of the rest pose."""
+        return self.posed(np.zeros((len(self.bones), 3)))
+
+    def posed(self, angles: Floats) -> BlendedCones:
+        """Return the cones after turning each joint by angles (b, 3) about x, then y, then z, in degrees."""
+        starts, ends = np.zeros((2, len(self.bones), 3))
+        turns = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()  # (b, 3, 3)
+        for number, (bone, parent) in enumerate(zip(self.bones, self.parents, strict=True)):
+            if parent >= 0:
+                turns[number] = turns[parent] @ turns[number]
+                starts[number] = starts[parent] + bone.at * (ends[parent] - starts[parent])
+            direction = np.array(bone.direction) / np.linalg.norm(bone.direction)
+            ends[number] = starts[number] + bone.length * turns[number] @ direction
+        radii = np.array([bone.radii for bone in self.bones])
+        thin = radii.min(axis=1)[self.pairs].min(axis=1)
+        return BlendedCones(starts, ends, radii, self.pairs, BLEND * thin)
+
+    def random_pose(self, generator: np.random.Generator, *, clearance: float) -> BlendedCones:
+        """Return a pose drawn within the joints' limits, in which no limb comes near another.
+
+        Parameters
+        ----------
+        generator : numpy.random.Generator
+            Where the angles come from.
+        clearance : float
+            Parts of the skin that are further apart than this at rest keep half of that gap, or twice this
+            clearance if that is less.
+        """
+        limits = np.array([bone.bend for bone in self.bones])  # (b, 3, 2)
+        at_rest = _gaps(self.rest())
+        watched = (at_rest > clearance) & self._may_collide()
+        needed = np.minimum(at_rest[watched] / 2, 2 * clearance)
+        for attempt in range(ATTEMPTS):
+            angles = generator.uniform(limits[..., 0], limits[..., 1]) * SHRINKING**attempt
+            cones = self.posed(angles)
+            if (_gaps(cones)[watched] >= needed).all():
+                return cones
+        return self.rest()
+
+    def _may_collide(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Return which samples (of `_gaps`) belong to bones that do not blend; blending ones are let bend."""
+        free = np.ones((len(self.bones),) * 2, bool)
+        free[tuple(self.pairs.T)] = free[tuple(self.pairs[:, ::-1].T)] = False
+        np.fill_diagonal(free, val=False)
+        return np.repeat(np.repeat(free, SAMPLES, axis=0), SAMPLES, axis=1)
+
+
+SAMPLES = 7
+"""Balls along each bone that stand for it when clearances are measured."""
+
+
+def _gaps(cones: BlendedCones) -> Floats:
+    """Return the gaps between balls along the bones, (b * SAMPLES, b * SAMPLES)."""
+    share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+    centres = (cones.starts[:, None] + share * (cones.ends - cones.starts)[:, None]).reshape(-1, 3)
+    radii = (cones.radii[:, :1] * (1 - share.T) + cones.radii[:, 1:] * share.T).ravel()
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2)
+    return np.asarray(apart - radii[:, None] - radii, float)

@@ -1,0 +1,51 @@
+"""What all tests share: real data, exact geodesics, a running server."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+ROOT = Path(__file__).parent.parent
+SHARED = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
+
+settings.register_profile("unbend", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True)
+settings.load_profile("unbend")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real meshes; CI, which has it, sets UNBEND_REQUIRE_SHARED so that nothing is skipped there."""
+    if not (SHARED / "labels.csv").is_file():
+        if os.environ.get("UNBEND_REQUIRE_SHARED"):
+            pytest.fail(f"the real meshes are required here, but {SHARED} has no labels.csv")
+        pytest.skip(f"the real meshes are not here: {SHARED} has no labels.csv")
+    return SHARED
+
+
+@pytest.fixture(scope="session")
+def labelled(shared_data: Path) -> Callable[[str], list[tuple[Path, dict[str, str]]]]:
+    """The meshes of one data set: (path, row of labels.csv)."""
+
+    def of(dataset: str) -> list[tuple[Path, dict[str, str]]]:
+        with (shared_data / "labels.csv").open(newline="") as file:
+            return [(shared_data / row["path"], row) for row in csv.DictReader(file) if row["dataset"] == dataset]
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def rotation() -> Callable[[int], np.ndarray]:
+    """A random rotation for each seed."""
+
+    def of(seed: int) -> np.ndarray:
+        q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+        q = q * np.sign(np.diagonal(r))
+        return q * np.sign(np.linalg.det(q))
+
+    return of

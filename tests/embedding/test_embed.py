@@ -1,0 +1,161 @@
+"""The three scalings: exact on Euclidean input, ordered by stress, independent of rotation and labels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.distance import pdist, squareform
+
+from unbend import embed, geodesic_matrix
+from unbend.embedding.least_squares import smacof
+from unbend.embedding.stress import stress
+from unbend.errors import ParameterError
+from unbend.mesh.shapes import torus
+
+METHODS = ("classical", "least_squares", "fast")
+
+
+def cloud(seed: int, count: int = 40, dimensions: int = 3) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(count, dimensions))
+
+
+def city_block(seed: int, count: int = 40) -> np.ndarray:
+    return squareform(pdist(cloud(seed, count, 5), "cityblock"))
+
+
+@pytest.fixture(scope="module")
+def torus_distances() -> np.ndarray:
+    surface = torus(columns=36, rows=20)
+    return geodesic_matrix(surface, np.arange(0, 720, 6))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.sampled_from(METHODS))
+def test_euclidean_distances_are_recovered(seed, dimensions, method):
+    distances = squareform(pdist(cloud(seed, 20, dimensions)))
+    found = embed(distances, dimensions, method=method)
+    # FastMap divides by residual distances, which loses digits where a pivot pair is short.
+    tolerance = 1e-9 if method != "fast" else 1e-6
+    np.testing.assert_allclose(squareform(pdist(found.points)), distances, atol=tolerance * distances.max())
+    assert found.stress < tolerance
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4))
+def test_least_squares_has_the_lowest_stress(seed, dimensions):
+    distances = city_block(seed)
+    found = {method: embed(distances, dimensions, method=method).stress for method in METHODS}
+    assert found["least_squares"] <= found["classical"] + 1e-12
+    assert found["least_squares"] <= found["fast"] + 1e-12
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stress_falls_with_the_dimension(torus_distances, method):
+    found = [embed(torus_distances, m, method=method).stress for m in range(1, 6)]
+    assert found[2] < 0.2 * found[0]
+    if method == "least_squares":  # the others minimise something else, and may rise a little as in Table 2
+        assert all(after <= before for before, after in zip(found[:-1], found[1:], strict=True))
+
+
+def test_stress_is_that_of_the_points_returned():
+    distances = city_block(1)
+    for method in METHODS:
+        found = embed(distances, 3, method=method)
+        straight = squareform(pdist(found.points))
+        upper = np.triu_indices(len(distances), 1)
+        expected = ((distances - straight)[upper] ** 2).sum() / (distances[upper] ** 2).sum()  # eq. 2
+        assert found.stress == pytest.approx(expected)
+
+
+def test_smacof_agrees_with_a_plain_implementation_of_eq_8_and_9():
+    distances, z = city_block(2, 15), cloud(3, 15)
+    weights = squareform(np.random.default_rng(4).uniform(0, 2, 105))
+    z -= z.mean(axis=0)
+    for w in (None, weights):
+        w_all = np.ones((15, 15)) if w is None else w
+        straight = squareform(pdist(z))
+        b = -w_all * distances / np.where(straight > 0, straight, 1)
+        np.fill_diagonal(b, 0)
+        np.fill_diagonal(b, -b.sum(axis=1))
+        v = -w_all.copy()
+        np.fill_diagonal(v, 0)
+        np.fill_diagonal(v, -v.sum(axis=1))
+        expected = np.linalg.pinv(v) @ b @ z
+        found, made = smacof(distances, z, w, iterations=1)
+        assert made == 1
+        np.testing.assert_allclose(found, expected, atol=1e-10)
+
+
+def test_every_iteration_lowers_the_stress():
+    distances, start = city_block(5), cloud(6)
+    found = [stress(smacof(distances, start, iterations=n, decrease=0.0)[0], distances) for n in range(0, 30, 3)]
+    assert all(after <= before for before, after in zip(found[:-1], found[1:], strict=True))
+
+
+def test_weights_of_one_are_no_weights_and_zero_leaves_a_pair_out():
+    distances = city_block(7)
+    ones = embed(distances, weights=np.ones_like(distances))
+    np.testing.assert_allclose(ones.points, embed(distances).points, atol=1e-9)
+    euclidean = squareform(pdist(cloud(8)))
+    wrong = euclidean.copy()
+    wrong[0, 1] = wrong[1, 0] = 50.0
+    weights = np.ones_like(wrong)
+    weights[0, 1] = weights[1, 0] = 0.0
+    assert embed(wrong, weights=weights).stress < 0.01 * embed(wrong).stress
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["classical", "least_squares"]))
+def test_labels_do_not_matter(seed, method):
+    distances = city_block(seed, 20)
+    order = np.random.default_rng(seed).permutation(20)
+    found = embed(distances[np.ix_(order, order)], method=method)
+    assert found.stress == pytest.approx(embed(distances, method=method).stress, rel=1e-3)
+
+
+def test_runs_are_equal():
+    distances = city_block(9)
+    for method in METHODS:
+        np.testing.assert_array_equal(embed(distances, method=method).points, embed(distances, method=method).points)
+
+
+def test_eigenvalues_fall_and_fastmap_counts_what_it_clips():
+    distances = city_block(10)
+    assert (np.diff(embed(distances, 5).eigenvalues) <= 0).all()
+    assert embed(distances, 3, method="fast").clipped > 0
+    assert embed(squareform(pdist(cloud(11))), 3, method="fast").clipped == 0
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("method", METHODS)
+def test_fewer_points_than_dimensions_leave_columns_zero(count, method):
+    distances = squareform(pdist(cloud(12, count))) if count > 1 else np.zeros((1, 1))
+    found = embed(distances, 4, method=method)
+    assert found.points.shape == (count, 4)
+    assert found.stress < 1e-12
+
+
+def test_coincident_points_stay_together():
+    points = np.repeat(cloud(13, 6), 2, axis=0)
+    found = embed(squareform(pdist(points)))
+    np.testing.assert_allclose(found.points[::2], found.points[1::2], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"distances": np.zeros((2, 3))}, "square"),
+        ({"distances": [[0, 1], [2, 0]]}, "symmetric"),
+        ({"distances": [[0, np.inf], [np.inf, 0]]}, "component"),
+        ({"distances": [[0, -1], [-1, 0]]}, "negative"),
+        ({"distances": [[1, 1], [1, 0]]}, "diagonal"),
+        ({"distances": [[0, 1], [1, 0]], "dimensions": 0}, "dimensions"),
+        ({"distances": [[0, 1], [1, 0]], "method": "sammon"}, "least_squares"),
+        ({"distances": [[0, 1], [1, 0]], "weights": np.zeros((2, 2))}, "connect"),
+        ({"distances": [[0, 1], [1, 0]], "weights": np.ones((3, 3))}, "like distances"),
+        ({"distances": [[0, 1], [1, 0]], "weights": -np.ones((2, 2))}, "not negative"),
+        ({"distances": [[0, 1], [1, 0]], "weights": np.ones((2, 2)), "method": "fast"}, "least_squares only"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments, message):
+    with pytest.raises(ParameterError, match=message):
+        embed(**arguments)

@@ -1,0 +1,189 @@
+"""Geodesic distances against known answers: flat sheets, exact polyhedral geodesics, real meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from oracles import exact_distances, grid, mean_relative_error
+
+from unbend import Surface, geodesic_distances, geodesic_matrix, read_mesh
+from unbend.errors import ParameterError
+from unbend.geodesics.distances import sampled_matrix
+from unbend.geodesics.stencils import build_stencils
+from unbend.mesh.shapes import sphere, torus
+
+# Mean relative errors of the best prototypes known to us, which no mesh here may exceed by more than a tenth.
+REFERENCE = {"spherical": 0.0073, "planar": 0.0262}
+MARGIN = 1.1
+
+
+@pytest.mark.parametrize("shear", [0.0, 0.5, 1.5])
+def test_spherical_marching_is_exact_on_flat_sheets(shear):
+    surface = grid(20, 15, shear)
+    distances = geodesic_distances(surface, [0])[0]
+    straight = np.linalg.norm(surface.vertices - surface.vertices[0], axis=1)
+    # A sheared sheet is still convex, so straight lines are geodesics.
+    assert mean_relative_error(distances, straight) < 1e-9
+
+
+def test_error_on_the_sheared_sheet_vanishes_under_refinement():
+    errors = []
+    for size in (40, 80, 160):
+        surface = grid(size, size, 1.5)
+        middle = (size // 2) * (size + 1) + size // 2
+        exact = np.linalg.norm(surface.vertices - surface.vertices[middle], axis=1)
+        errors.append(mean_relative_error(geodesic_distances(surface, middle, update="planar")[0], exact))
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[2] < 0.6 * errors[0]
+
+
+@pytest.mark.parametrize(("update", "bound"), [("spherical", 0.0059), ("planar", 0.0155)])
+def test_the_sphere_against_exact_geodesics(update, bound):
+    surface = sphere(subdivisions=4)
+    sources = np.array([0, 1000])
+    errors = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
+    assert errors < bound
+
+
+def test_distances_on_the_sphere_converge():
+    errors = []
+    for subdivisions in (2, 3, 4):
+        surface = sphere(subdivisions=subdivisions)
+        exact = np.arccos(np.clip(surface.vertices @ surface.vertices[0], -1, 1))
+        errors.append(mean_relative_error(geodesic_distances(surface, 0)[0], exact))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() > 0.95  # h halves at each step
+
+
+@pytest.mark.parametrize(
+    ("update", "sources", "bound"),
+    [
+        ("spherical", [0], 0.00075 * MARGIN),
+        ("spherical", [4000, 8000, 12000], 0.0012),  # inside the ring, where curvature is negative
+        ("planar", [0, 4000, 8000, 12000], 0.0064 * MARGIN),
+    ],
+)
+def test_the_torus_against_exact_geodesics(update, sources, bound):
+    surface = torus(columns=160, rows=100)
+    errors = mean_relative_error(
+        geodesic_distances(surface, sources, update=update), exact_distances(surface, sources)
+    )
+    assert errors < bound
+
+
+@pytest.mark.parametrize("update", ["spherical", "planar"])
+def test_coarse_real_meshes_against_exact_geodesics(labelled, update):
+    errors = []
+    for path, _ in labelled("shrec11_simplified")[::16]:
+        surface = read_mesh(path)
+        sources = np.arange(0, len(surface.vertices), 25)
+        distances = geodesic_distances(surface, sources, update=update)
+        errors.append(mean_relative_error(distances, exact_distances(surface, sources)))
+    assert len(errors) == 30
+    assert np.mean(errors) < REFERENCE[update] * MARGIN
+
+
+@pytest.mark.parametrize(("update", "bound"), [("spherical", 0.0059), ("planar", 0.0155)])
+@pytest.mark.parametrize(
+    "name",
+    ["faust5k/tr_reg_000.off", "tosca5k/cat0.off", "tosca5k/horse0.off", "single/human_man.obj", "single/bunny.obj"],
+)
+def test_five_real_meshes_against_exact_geodesics(shared_data, name, update, bound):
+    surface = read_mesh(shared_data / name)
+    sources = np.linspace(0, len(surface.vertices) - 1, 4).astype(int)
+    error = mean_relative_error(
+        geodesic_distances(surface, sources, update=update), exact_distances(surface, sources)
+    )
+    assert error < bound * MARGIN
+
+
+@pytest.mark.parametrize("name", ["teapot", "suzanne", "beetle", "cow", "human_neutral", "truck"])
+def test_messy_real_meshes_give_finite_distances_on_the_kept_component(shared_data, name):
+    surface = read_mesh(shared_data / "dirty" / f"{name}.obj")
+    used = np.unique(surface.faces)
+    distances = geodesic_distances(surface, used[0])[0]
+    straight = np.linalg.norm(surface.vertices - surface.vertices[used[0]], axis=1)
+    assert np.isfinite(distances[used]).all()
+    assert (distances[used] >= straight[used] * (1 - 1e-9)).all()
+    assert np.isinf(np.delete(distances, used)).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
+def test_distances_keep_the_triangle_inequality_along_edges_and_bounds(seed, source):
+    rng = np.random.default_rng(seed)
+    flat = grid(6, 5)
+    surface = Surface(flat.vertices + rng.normal(0, 0.2, flat.vertices.shape), flat.faces)
+    source = source % len(surface.vertices)
+    distances = geodesic_distances(surface, source)[0]
+    a, b = surface.faces[:, [0, 1, 2]].ravel(), surface.faces[:, [1, 2, 0]].ravel()
+    lengths = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
+    assert (np.abs(distances[a] - distances[b]) <= lengths * (1 + 1e-9)).all()
+    assert (distances >= np.linalg.norm(surface.vertices - surface.vertices[source], axis=1) * 0.98).all()
+    assert distances[source] == 0
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_relabelling_and_moving_the_mesh_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    surface = sphere(subdivisions=1)
+    order = rng.permutation(len(surface.vertices))
+    place = np.argsort(order)
+    moved = Surface(3.0 * surface.vertices[order] + [5, -2, 1], place[surface.faces][rng.permutation(len(surface.faces))])
+    np.testing.assert_allclose(
+        geodesic_distances(moved, place[3])[0][place], 3.0 * geodesic_distances(surface, 3)[0], rtol=1e-9
+    )
+
+
+def test_the_result_does_not_depend_on_the_number_of_threads():
+    surface = torus(columns=30, rows=20)
+    samples = np.arange(0, 600, 7)
+    one = geodesic_matrix(surface, samples, threads=1)
+    for threads in (2, 3, 8, None):
+        np.testing.assert_array_equal(geodesic_matrix(surface, samples, threads=threads), one)
+
+
+def test_the_matrix_is_symmetric_and_its_asymmetry_is_told():
+    surface = torus(columns=30, rows=20)
+    samples = np.arange(0, 600, 7, dtype=np.int32)
+    matrix = geodesic_matrix(surface, samples)
+    np.testing.assert_array_equal(matrix, matrix.T)
+    assert not np.diagonal(matrix).any()
+    rows = geodesic_distances(surface, samples)[:, samples]
+    asymmetry = sampled_matrix(build_stencils(surface), samples).asymmetry
+    assert asymmetry == pytest.approx(np.abs(rows - rows.T).max() / rows.max())
+    assert 0 < asymmetry < 0.05
+
+
+def test_two_components_are_infinitely_far_apart_and_lonely_vertices_keep_their_index():
+    one = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    surface = Surface([[7, 7, 7], *one, [9, 9, 9], *(np.array(one) + 5)], [[1, 2, 3], [5, 6, 7]])
+    distances = geodesic_distances(surface, [1, 0])
+    np.testing.assert_allclose(distances[0], [np.inf, 0, 1, 1, np.inf, np.inf, np.inf, np.inf])
+    np.testing.assert_allclose(distances[1], [0] + [np.inf] * 7)
+
+
+def test_degenerate_and_duplicate_triangles_and_nonmanifold_edges_do_no_harm():
+    flat = grid(4, 4)
+    fin = [*flat.vertices, [2, 2, 3.0], [2.5, 2.5, 0.0], flat.vertices[12]]
+    faces = [*flat.faces, flat.faces[3], [12, 13, 25], [12, 18, 26], [12, 27, 13]]
+    distances = geodesic_distances(Surface(fin, faces), 0)[0]
+    np.testing.assert_allclose(distances[:25], np.linalg.norm(flat.vertices, axis=1), rtol=1e-9)
+    assert np.isfinite(distances).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"sources": [99]}, "no vertex 99"),
+        ({"sources": [-1]}, "no vertex -1"),
+        ({"sources": []}, "one or more"),
+        ({"sources": [0.5]}, "indices"),
+        ({"sources": 0, "update": "cubic"}, "spherical"),
+        ({"sources": 0, "threads": 0}, "at least 1"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments, message):
+    with pytest.raises(ParameterError, match=message):
+        geodesic_distances(grid(2, 2), **arguments)

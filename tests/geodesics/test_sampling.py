@@ -1,0 +1,59 @@
+"""Farthest point sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import grid
+
+from unbend import Surface, farthest_point_sampling, geodesic_distances
+from unbend.errors import ParameterError
+from unbend.geodesics.sampling import sample_farthest
+from unbend.geodesics.stencils import build_stencils
+from unbend.mesh.shapes import sphere, torus
+
+
+def test_each_sample_is_the_farthest_from_those_before():
+    surface = torus(columns=24, rows=16)
+    samples = farthest_point_sampling(surface, 20, start=5)
+    assert samples[0] == 5
+    nearest = np.full(len(surface.vertices), np.inf)
+    for before, after in zip(samples[:-1], samples[1:], strict=True):
+        nearest = np.minimum(nearest, geodesic_distances(surface, before)[0])
+        assert nearest[after] == pytest.approx(nearest.max(), rel=0.02)  # pruned fronts agree with whole ones
+
+
+def test_the_cells_are_those_of_the_nearest_sample():
+    surface = sphere(subdivisions=3)
+    sampling = sample_farthest(surface, build_stencils(surface), 12)
+    rows = geodesic_distances(surface, sampling.samples)
+    chosen = rows[sampling.nearest, np.arange(len(surface.vertices))]
+    assert (chosen <= rows.min(axis=0) * 1.02 + 1e-12).all()
+    assert sampling.radius == pytest.approx(rows.min(axis=0).max(), rel=0.02)
+    np.testing.assert_array_equal(sampling.nearest[sampling.samples], np.arange(12))
+
+
+def test_all_vertices_can_be_taken_each_once():
+    surface = sphere(subdivisions=1)
+    samples = farthest_point_sampling(surface, len(surface.vertices))
+    np.testing.assert_array_equal(np.sort(samples), np.arange(len(surface.vertices)))
+
+
+def test_the_default_start_is_an_end_of_the_surface_and_always_the_same():
+    surface = grid(30, 3)
+    corners = {0, 30, 3 * 31, 4 * 31 - 1}
+    first = farthest_point_sampling(surface, 2)
+    assert set(first.tolist()) <= corners
+    np.testing.assert_array_equal(first, farthest_point_sampling(surface, 2))
+
+
+def test_vertices_without_faces_are_never_chosen():
+    flat = grid(3, 3)
+    surface = Surface([*flat.vertices, [99, 99, 99]], flat.faces)
+    assert 16 not in farthest_point_sampling(surface, 16)
+
+
+@pytest.mark.parametrize(("count", "start"), [(0, None), (17, None), (3, 16), (3, -1)])
+def test_wrong_arguments_are_refused(count, start):
+    with pytest.raises(ParameterError):
+        farthest_point_sampling(grid(3, 3), count, start=start)

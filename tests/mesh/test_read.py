@@ -1,0 +1,175 @@
+"""Reading: every format gives the file's own vertices; damage gives a typed error that says where."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from unbend import MeshPolicy, read_mesh
+from unbend.errors import MeshError, MeshFormatError, MeshGeometryError, MeshReadError, ParameterError
+from unbend.mesh.write import write_mesh
+
+VERTICES = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.5]])
+FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 4]], np.int32)
+OFF = b"OFF\n# a comment\n5 3 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1.5\n3 0 1 2\n3 0 2 3 255 0 0\n3 0 1 4\n"
+OBJ = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1.5\nf 1 2 3\nf 1 3 4\nf 1 2 5\n"
+
+
+@pytest.mark.parametrize("file_type", ["off", "obj", "ply", "glb"])
+def test_formats_keep_vertices_and_faces_in_order(file_type):
+    surface = read_mesh(write_mesh(VERTICES, FACES, file_type))
+    assert surface.report.file_type == file_type
+    np.testing.assert_allclose(surface.vertices, VERTICES, atol=1e-7)
+    np.testing.assert_array_equal(surface.faces, FACES)
+
+
+def test_stl_is_welded_because_it_shares_no_vertices():
+    import trimesh
+
+    data = trimesh.Trimesh(VERTICES, FACES, process=False).export(file_type="stl")
+    surface = read_mesh(data)
+    assert len(surface.vertices) == 5
+    assert surface.report.components == 1
+    np.testing.assert_array_equal(surface.vertices[surface.faces], VERTICES[FACES].astype(np.float32))
+
+
+def test_text_stl_is_read():
+    text = (
+        b"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+        b"endsolid s\n"
+    )
+    assert len(read_mesh(text).faces) == 1
+
+
+def test_a_path_and_a_binary_file_are_read_like_bytes(tmp_path):
+    path = tmp_path / "mesh.off"
+    path.write_bytes(OFF)
+    with path.open("rb") as file:
+        sources = [read_mesh(path), read_mesh(str(path)), read_mesh(file), read_mesh(OFF)]
+    for surface in sources:
+        np.testing.assert_array_equal(surface.vertices, VERTICES)
+
+
+def test_equal_coordinates_are_not_welded():
+    doubled = OBJ + b"v 0 0 0\nv 0 2 0\nf 6 4 7\nf 4 3 7\n"
+    surface = read_mesh(doubled)
+    assert len(surface.vertices) == 7
+    assert surface.faces.max() == 6
+
+
+def test_obj_texture_and_material_do_not_split_vertices():
+    data = (
+        b"mtllib no.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\no first\nusemtl red\n"
+        b"f 1/1/1 2/2/1 3/1/1\ng second\nusemtl blue\nf -4/2 -2/1 -1/2\n"
+    )
+    surface = read_mesh(data)
+    assert len(surface.vertices) == 4
+    np.testing.assert_array_equal(surface.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    "data", [b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n", b"OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"]
+)
+def test_polygons_become_triangles_of_the_same_area(data):
+    surface = read_mesh(data)
+    assert len(surface.faces) == 2
+    assert surface.area == pytest.approx(1.0)
+
+
+def test_pentagons_and_triangles_mix():
+    data = b"v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nv 3 0 0\nf 1 2 3 4 5\nf 2 6 3\n"
+    assert read_mesh(data).area == pytest.approx(3.5)
+
+
+def test_the_content_decides_and_not_the_name():
+    assert read_mesh(OFF, file_type="ply").report.file_type == "off"
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "message"),
+    [
+        (b"", MeshFormatError, "empty"),
+        (b"PK\x03\x04 a zip file", MeshFormatError, "no format we know"),
+        (OFF.replace(b"1 1 0\n", b"1 1\n"), MeshReadError, "line 6"),
+        (OFF.replace(b"1.5", b"abc"), MeshReadError, "line 8"),
+        (OFF[: OFF.index(b"3 0 1 4")], MeshReadError, "ends early"),
+        (b"OFF\nfive 3 0\n", MeshReadError, "line 2"),
+        (b"OFF\n", MeshReadError, "counts"),
+        (OFF.replace(b"3 0 1 4", b"3 0 1 9"), MeshReadError, "line 11"),
+        (OFF.replace(b"3 0 1 4", b"2 0 1"), MeshReadError, "corners"),
+        (OBJ.replace(b"f 1 2 5", b"f 1 2 x"), MeshReadError, "line 8"),
+        (OBJ.replace(b"f 1 2 5", b"f 1 2"), MeshReadError, "2 corners"),
+        (OBJ.replace(b"f 1 2 5", b"f 1 2 99"), MeshReadError, "line 8: a face with vertex 99"),
+        (OBJ.replace(b"f 1 2 5", b"f 1 2 -9"), MeshReadError, "before the first"),
+        (OBJ.replace(b"1.5", b"nan"), MeshGeometryError, "vertex 4"),
+        (OBJ.replace(b"1.5", b"inf"), MeshGeometryError, "not finite"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", MeshReadError, "no triangles"),
+        (b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", MeshGeometryError, "zero area"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 0 0\nf 1 2 2\n", MeshGeometryError, "three different"),
+        (b"ply\nformat ascii 1.0\nelement vertex 3\n", MeshReadError, "ply"),
+        (b"glTF\x02\x00\x00\x00garbage", MeshReadError, "glb"),
+    ],
+)
+def test_bad_files_raise_typed_errors_that_say_what_and_where(data, error, message):
+    with pytest.raises(error, match=message):
+        read_mesh(data)
+
+
+def test_useless_faces_are_dropped_and_reported():
+    surface = read_mesh(OBJ + b"f 3 1 2\nf 1 1 2\n")
+    np.testing.assert_array_equal(surface.faces, FACES)
+    assert (surface.report.duplicate_faces, surface.report.degenerate_faces) == (1, 1)
+    assert any("duplicate" in note for note in surface.report.notes)
+
+
+def test_the_largest_component_is_kept_and_indices_do_not_shift():
+    data = b"v 9 9 9\nv 9.1 9 9\nv 9 9.1 9\nf 1 2 3\n" + b"".join(
+        line + b"\n" if line.startswith(b"v") else line.replace(b" 1 ", b" 4 ").replace(b"2 ", b"5 ") + b"\n"
+        for line in (b"v 0 0 0", b"v 1 0 0", b"v 1 1 0", b"f 1 2 6")
+    )
+    surface = read_mesh(data)
+    np.testing.assert_array_equal(surface.faces, [[3, 4, 5]])
+    assert len(surface.vertices) == 6
+    assert surface.report.components == 2
+    with pytest.raises(MeshGeometryError, match="2 components"):
+        read_mesh(data, policy=MeshPolicy(components="error"))
+
+
+def test_a_policy_that_does_not_exist_is_refused():
+    with pytest.raises(ParameterError, match="largest"):
+        MeshPolicy(components="smallest")
+
+
+@given(st.sampled_from([OFF, OBJ, write_mesh(VERTICES, FACES, "ply"), write_mesh(VERTICES, FACES, "glb")]), st.data())
+def test_any_damage_gives_a_surface_or_a_typed_error(data, draw):
+    damaged = bytearray(data)
+    for _ in range(draw.draw(st.integers(1, 4))):
+        position = draw.draw(st.integers(0, len(damaged) - 1))
+        kind = draw.draw(st.sampled_from(["cut", "change", "repeat"]))
+        if kind == "cut":
+            del damaged[position : position + draw.draw(st.integers(1, 30))]
+        elif kind == "change":
+            damaged[position] = draw.draw(st.integers(0, 255))
+        else:
+            damaged[position:position] = damaged[position : position + 10]
+        if not damaged:
+            break
+    try:
+        surface = read_mesh(bytes(damaged))
+    except MeshError:
+        return
+    assert np.isfinite(surface.vertices[surface.faces]).all()
+    assert surface.area > 0
+
+
+def test_real_meshes_are_read_as_their_table_says(labelled):
+    for dataset in ("single", "dirty", "tosca5k"):
+        for path, row in labelled(dataset):
+            report = read_mesh(path).report
+            assert (report.vertices, report.faces) == (int(row["nv"]), int(row["nf"])), path.name
+            assert report.components == int(row["components"]), path.name
+            if report.components == 1:
+                assert report.boundary_edges == int(row["boundary_edges"]), path.name
+                assert report.nonmanifold_edges == int(row["nonmanifold_edges"]), path.name

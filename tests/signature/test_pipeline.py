@@ -1,0 +1,188 @@
+"""Signatures: the same for isometric surfaces, whatever their pose, labels and scale."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import pdist
+
+from unbend import Parameters, Surface, compare, compute_signature, read_mesh
+from unbend.errors import MeshGeometryError, ParameterError
+from unbend.mesh.shapes import cylinder, helicoid_catenoid, s_bend, sheet, sphere, spiral, tetrahedron, torus
+from unbend.signature.export import export_signature
+
+BENDINGS = {"cylinder": cylinder, "s": s_bend, "spiral": spiral}
+TRIANGLE = Surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+
+
+def sizes(level: int) -> dict[str, int]:
+    return {"columns": 12 * 2**level, "rows": 6 * 2**level}
+
+
+@pytest.mark.parametrize("bending", BENDINGS)
+def test_exact_isometries_agree_and_agreement_improves_with_refinement(bending):
+    differences = []
+    for level in (0, 1, 2):
+        flat = compute_signature(sheet(**sizes(level)), Parameters(samples=80))
+        bent = compute_signature(BENDINGS[bending](**sizes(level)), Parameters(samples=80))
+        differences.append(np.abs(flat.moments - bent.moments).max() / flat.moments.max())
+    assert differences[0] < 0.1
+    assert differences[2] < 0.006
+    assert differences[2] < 0.5 * differences[0]
+
+
+@pytest.mark.parametrize("bending", BENDINGS)
+def test_bent_sheets_unbend_to_the_same_plane(bending):
+    every = Parameters(samples=5000)
+    flat, bent = compute_signature(sheet(**sizes(1)), every), compute_signature(BENDINGS[bending](**sizes(1)), every)
+    order, other = np.argsort(flat.samples), np.argsort(bent.samples)
+    difference = np.abs(pdist(flat.points[order]) - pdist(bent.points[other])).max() / pdist(flat.points).max()
+    assert difference < 0.012
+    assert np.ptp(bent.points[:, 2]) < 0.05 * np.ptp(bent.points[:, 0])  # a developable surface needs no third axis
+    assert flat.stress < 1e-6
+    assert bent.stress < 1e-4
+
+
+def test_the_helicoid_and_the_catenoid_agree():
+    surfaces = [helicoid_catenoid(t, columns=48, rows=32) for t in (0.0, np.pi / 4, np.pi / 2)]
+    helicoid, between, catenoid = (compute_signature(surface, Parameters(samples=200)) for surface in surfaces)
+    other = compute_signature(sheet(columns=48, rows=32), Parameters(samples=200))
+    for measure in ("spectrum", "moments", "distribution"):
+        apart = max(compare(helicoid, catenoid, measure), compare(helicoid, between, measure))
+        assert apart < 0.2 * compare(helicoid, other, measure), measure
+    assert compare(helicoid, catenoid, "surface_moments") > compare(helicoid, catenoid, "moments")
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 100.0), st.booleans())
+def test_rotation_reflection_scale_and_labels_change_nothing(rotation, seed, factor, mirrored):
+    surface = torus(columns=14, rows=9)
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(len(surface.vertices))
+    vertices = factor * surface.vertices @ rotation(seed).T + rng.normal(size=3)
+    faces = np.argsort(order)[surface.faces]
+    moved = Surface(vertices[order] * ([1, 1, -1] if mirrored else 1), faces[:, ::-1] if mirrored else faces)
+    a, b = compute_signature(surface), compute_signature(moved)
+    for measure in ("spectrum", "moments", "distribution", "surface_moments"):
+        # Symmetric surfaces leave SMACOF a choice of equally good forms; it stops within its tolerance of them.
+        assert compare(a, b, measure) < 1e-3 * np.abs(a.descriptors[measure]).sum(), measure
+    assert b.scale == pytest.approx(factor * a.scale)
+    assert b.stress == pytest.approx(a.stress, rel=5e-3)
+
+
+def test_runs_and_thread_counts_give_equal_signatures():
+    surface = torus(columns=30, rows=20)
+    first = compute_signature(surface)
+    for threads in (1, 2, 5):
+        again = compute_signature(surface, threads=threads)
+        np.testing.assert_array_equal(again.points, first.points)
+        for name, vector in first.descriptors.items():
+            np.testing.assert_array_equal(again.descriptors[name], vector)
+
+
+def test_with_every_vertex_a_sample_the_faces_are_the_surfaces_own():
+    surface = sphere(subdivisions=2)
+    signature = compute_signature(surface)
+    assert len(signature.points) == len(surface.vertices)
+    own = {tuple(sorted(face)) for face in surface.faces.tolist()}
+    assert {tuple(sorted(face)) for face in signature.samples[signature.faces].tolist()} == own
+
+
+def test_the_dual_of_the_voronoi_diagram_keeps_the_sphere_closed():
+    signature = compute_signature(sphere(subdivisions=4), Parameters(samples=100))
+    edges = np.sort(signature.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    kinds, counts = np.unique(edges, axis=0, return_counts=True)
+    assert (counts == 2).all()
+    assert 100 - len(kinds) + len(signature.faces) == 2
+
+
+def test_weights_are_shares_of_area_and_points_are_centred_on_principal_axes():
+    signature = compute_signature(torus(columns=40, rows=25), Parameters(samples=150))
+    assert signature.weights.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(signature.weights @ signature.points, 0, atol=1e-12)
+    second = (signature.points * signature.weights[:, None]).T @ signature.points
+    np.testing.assert_allclose(second, np.diag(np.diagonal(second)), atol=1e-12)
+    assert (np.diff(np.diagonal(second)) <= 0).all()
+    np.testing.assert_allclose(signature.moments[:3], np.diagonal(second))
+
+
+def test_box_scaling_makes_the_longest_side_one_and_leaves_descriptors():
+    surface = torus(columns=30, rows=20)
+    box, area = compute_signature(surface, Parameters(scaling="box")), compute_signature(surface)
+    assert np.ptp(box.points, axis=0).max() == pytest.approx(1.0)
+    assert area.scale == pytest.approx(np.sqrt(surface.area))
+    np.testing.assert_allclose(box.points * box.scale, area.points * area.scale, atol=1e-12)
+    np.testing.assert_array_equal(box.moments, area.moments)
+
+
+@pytest.mark.parametrize("surface", [tetrahedron(), TRIANGLE, sheet(columns=3, rows=2)], ids=["tetra", "triangle", "sheet"])
+@pytest.mark.parametrize("dimensions", [1, 2, 3, 5])
+def test_the_smallest_surfaces_have_signatures(surface, dimensions):
+    signature = compute_signature(surface, Parameters(dimensions=dimensions))
+    assert signature.points.shape == (len(surface.vertices), dimensions)
+    assert np.isfinite(signature.points).all()
+    assert all(np.isfinite(vector).all() for vector in signature.descriptors.values())
+
+
+def test_two_components_are_an_error_for_the_pipeline_and_repaired_by_reading():
+    lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 5 0 0", "v 6 0 0", "v 5 3 0", "f 1 2 3", "f 4 5 6"]
+    surface = read_mesh("\n".join(lines).encode())
+    assert set(compute_signature(surface).samples.tolist()) == {3, 4, 5}
+    with pytest.raises(MeshGeometryError, match="hang together"):
+        compute_signature(Surface(surface.vertices, [[0, 1, 2], [3, 4, 5]]))
+
+
+def test_a_surface_without_area_is_refused():
+    with pytest.raises(MeshGeometryError, match="area"):
+        compute_signature(Surface(np.zeros((3, 3)), [[0, 1, 2]]))
+
+
+def test_progress_names_the_stages_and_only_grows():
+    seen: list[tuple[str, float]] = []
+    compute_signature(torus(), Parameters(samples=100), progress=lambda stage, share: seen.append((stage, share)))
+    stages = list(dict.fromkeys(stage for stage, _ in seen))
+    shares = [share for _, share in seen]
+    assert stages == ["sampling", "geodesics", "embedding", "describing"]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] < shares[-1] <= 1
+    assert sum(stage == "geodesics" for stage, _ in seen) > 5
+
+
+def test_signatures_cannot_be_changed():
+    signature = compute_signature(tetrahedron())
+    with pytest.raises(ValueError, match="read-only"):
+        signature.points[0] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        signature.moments[0] = 0
+
+
+@pytest.mark.parametrize("file_type", ["ply", "obj", "off", "glb"])
+@pytest.mark.parametrize("dimensions", [2, 3, 4])
+def test_exports_are_meshes_again(file_type, dimensions):
+    signature = compute_signature(torus(columns=20, rows=12), Parameters(dimensions=dimensions))
+    surface = read_mesh(export_signature(signature, file_type))
+    shown = min(3, dimensions)
+    np.testing.assert_allclose(surface.vertices[:, :shown], signature.points[:, :shown], atol=1e-6)
+    assert len(surface.faces) == len(signature.faces)
+
+
+def test_json_and_npz_exports_hold_everything():
+    signature = compute_signature(tetrahedron())
+    told = json.loads(export_signature(signature, "json"))
+    with np.load(io.BytesIO(export_signature(signature, "npz"))) as arrays:
+        for name in ("points", "faces", "samples", "weights"):
+            np.testing.assert_array_equal(told[name], getattr(signature, name))
+            np.testing.assert_array_equal(arrays[name], getattr(signature, name))
+        np.testing.assert_array_equal(arrays["moments"], signature.moments)
+    assert told["parameters"] == Parameters().as_dict()
+    assert told["descriptors"]["spectrum"] == signature.spectrum.tolist()
+
+
+def test_an_unknown_export_is_refused():
+    with pytest.raises(ParameterError, match="ply"):
+        export_signature(compute_signature(tetrahedron()), "step")

@@ -1,0 +1,41 @@
+"""The public names, and what importing the package costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import unbend
+
+NAMES = {
+    "AsyncClient", "Client", "Embedding", "Library", "MeshPolicy", "Parameters", "Signature", "Surface", "UnbendError",
+    "compare", "compute_signature", "embed", "farthest_point_sampling", "geodesic_distances", "geodesic_matrix",
+    "read_mesh",
+}  # fmt: skip
+
+
+def test_public_names_are_these_and_all_resolve():
+    assert set(unbend.__all__) == NAMES
+    assert all(getattr(unbend, name) is not None for name in NAMES)
+    assert dir(unbend) == sorted(NAMES)
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="nothing"):
+        unbend.nothing  # noqa: B018
+
+
+def test_importing_the_package_loads_no_framework_database_or_compiler():
+    code = "import sys, unbend; print([m for m in ('fastapi', 'sqlalchemy', 'numba', 'numpy') if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+def test_every_error_has_a_code_of_its_own_meaning():
+    def below(kind):
+        return [kind, *(found for child in kind.__subclasses__() for found in below(child))]
+
+    codes = [kind.code for kind in below(unbend.UnbendError)]
+    assert len(set(codes)) == len(codes)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import potpourri3d
 import pygeodesic.geodesic as exact_geodesics
-from peers import DATA, ROOT, best_of, table, write_section
 
+from peers import DATA, ROOT, best_of, table, write_section
 from unbend import Surface, read_mesh
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.stencils import build_stencils

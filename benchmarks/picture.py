@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+
 from peers import ROOT
 
 mpl.use("Agg")

@@ -9,8 +9,9 @@ import csv
 from dataclasses import asdict
 
 import numpy as np
-from peers import DATA, ROOT, table, write_section
 
+from peers import DATA, ROOT, table, write_section
+from unbend.errors import UnbendError
 from unbend.jobs.batch import compute_paths
 from unbend.matching.evaluate import leave_one_out
 from unbend.matching.measures import MEASURES
@@ -30,7 +31,11 @@ def _rows(dataset: str) -> list[list[str]]:
     with (DATA / "labels.csv").open(newline="") as file:
         listed = [row for row in csv.DictReader(file) if row["dataset"] == dataset]
     labels = ["human" if row["class"] in HUMANS else row["class"] for row in listed]
-    signatures = list(compute_paths([DATA / row["path"] for row in listed], Parameters()))
+    signatures = []
+    for outcome in compute_paths([DATA / row["path"] for row in listed], Parameters()):
+        if isinstance(outcome, UnbendError):
+            raise outcome
+        signatures.append(outcome)
     rows = []
     for measure in MEASURES.values():
         vectors = np.stack([signature.descriptors[measure.name] for signature in signatures])

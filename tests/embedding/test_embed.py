@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -54,7 +56,7 @@ def test_stress_falls_with_the_dimension(torus_distances, method):
     found = [embed(torus_distances, m, method=method).stress for m in range(1, 6)]
     assert found[2] < 0.2 * found[0]
     if method == "least_squares":  # the others minimise something else, and may rise a little as in Table 2
-        assert all(after <= before * 1.01 for before, after in zip(found[:-1], found[1:], strict=True))
+        assert all(after <= before * 1.01 for before, after in itertools.pairwise(found))
 
 
 def test_stress_is_that_of_the_points_returned():
@@ -89,7 +91,7 @@ def test_smacof_agrees_with_a_plain_implementation_of_eq_8_and_9():
 def test_every_iteration_lowers_the_stress():
     distances, start = city_block(5), cloud(6)
     found = [stress(smacof(distances, start, iterations=n, decrease=0.0)[0], distances) for n in range(0, 30, 3)]
-    assert all(after <= before for before, after in zip(found[:-1], found[1:], strict=True))
+    assert all(after <= before for before, after in itertools.pairwise(found))
 
 
 def test_weights_of_one_are_no_weights_and_zero_leaves_a_pair_out():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from oracles import exact_distances, grid, mean_relative_error
 
+from oracles import exact_distances, grid, mean_relative_error
 from unbend import Surface, geodesic_distances, geodesic_matrix, read_mesh
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import sampled_matrix
@@ -67,9 +67,7 @@ def test_distances_on_the_sphere_converge():
 )
 def test_the_torus_against_exact_geodesics(update, sources, bound):
     surface = torus(columns=160, rows=100)
-    errors = mean_relative_error(
-        geodesic_distances(surface, sources, update=update), exact_distances(surface, sources)
-    )
+    errors = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
     assert errors < bound
 
 
@@ -93,9 +91,7 @@ def test_coarse_real_meshes_against_exact_geodesics(labelled, update):
 def test_five_real_meshes_against_exact_geodesics(shared_data, name, update, bound):
     surface = read_mesh(shared_data / name)
     sources = np.linspace(0, len(surface.vertices) - 1, 4).astype(int)
-    error = mean_relative_error(
-        geodesic_distances(surface, sources, update=update), exact_distances(surface, sources)
-    )
+    error = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
     assert error < bound * MARGIN
 
 
@@ -130,7 +126,9 @@ def test_relabelling_and_moving_the_mesh_changes_nothing(seed):
     surface = sphere(subdivisions=1)
     order = rng.permutation(len(surface.vertices))
     place = np.argsort(order)
-    moved = Surface(3.0 * surface.vertices[order] + [5, -2, 1], place[surface.faces][rng.permutation(len(surface.faces))])
+    moved = Surface(
+        3.0 * surface.vertices[order] + [5, -2, 1], place[surface.faces][rng.permutation(len(surface.faces))]
+    )
     np.testing.assert_allclose(
         geodesic_distances(moved, place[3])[0][place], 3.0 * geodesic_distances(surface, 3)[0], rtol=1e-9
     )

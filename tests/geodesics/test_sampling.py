@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
-from oracles import grid
 
+from oracles import grid
 from unbend import Surface, farthest_point_sampling, geodesic_distances
 from unbend.errors import ParameterError
 from unbend.geodesics.sampling import sample_farthest
@@ -18,7 +20,7 @@ def test_each_sample_is_the_farthest_from_those_before():
     samples = farthest_point_sampling(surface, 20, start=5)
     assert samples[0] == 5
     nearest = np.full(len(surface.vertices), np.inf)
-    for before, after in zip(samples[:-1], samples[1:], strict=True):
+    for before, after in itertools.pairwise(samples):
         nearest = np.minimum(nearest, geodesic_distances(surface, before)[0])
         assert nearest[after] == pytest.approx(nearest.max(), rel=0.02)  # pruned fronts agree with whole ones
 

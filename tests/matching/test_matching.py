@@ -74,7 +74,13 @@ def test_figures_of_a_perfect_ranking_are_one():
     labels = ["a"] * 40 + ["b"] * 40
     distances = np.abs(np.arange(80)[:, None] - np.arange(80)) + 1000.0 * np.not_equal.outer(labels, labels)
     figures = leave_one_out(distances, labels)
-    assert (figures.nn, figures.ft, figures.st, figures.dcg, figures.map) == (1, 1, 1, pytest.approx(1), pytest.approx(1))
+    assert (figures.nn, figures.ft, figures.st, figures.dcg, figures.map) == (
+        1,
+        1,
+        1,
+        pytest.approx(1),
+        pytest.approx(1),
+    )
     assert figures.e == pytest.approx(2 / (1 + 39 / 32))  # 32 places hold 32 of 39 members
 
 

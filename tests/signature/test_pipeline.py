@@ -120,7 +120,9 @@ def test_box_scaling_makes_the_longest_side_one_and_leaves_descriptors():
     np.testing.assert_array_equal(box.moments, area.moments)
 
 
-@pytest.mark.parametrize("surface", [tetrahedron(), TRIANGLE, sheet(columns=3, rows=2)], ids=["tetra", "triangle", "sheet"])
+@pytest.mark.parametrize(
+    "surface", [tetrahedron(), TRIANGLE, sheet(columns=3, rows=2)], ids=["tetra", "triangle", "sheet"]
+)
 @pytest.mark.parametrize("dimensions", [1, 2, 3, 5])
 def test_the_smallest_surfaces_have_signatures(surface, dimensions):
     signature = compute_signature(surface, Parameters(dimensions=dimensions))

@@ -75,10 +75,7 @@ def march(offsets, entries, source, spherical, distance, owner, label, keys, ite
             candidate = np.inf
             if owner[entry.other] == label and c > 0.0:
                 ub = distance[entry.other]
-                if spherical or ua <= disc:
-                    candidate = _spherical(ua, ub, c, x, y)
-                else:
-                    candidate = _planar(ua, ub, c, x, y)
+                candidate = _spherical(ua, ub, c, x, y) if spherical or ua <= disc else _planar(ua, ub, c, x, y)
             if candidate == np.inf:  # the way along the edge; one through the triangle is never longer
                 candidate = ua + np.sqrt(x * x + y * y)
             if candidate < distance[target]:

@@ -22,7 +22,7 @@ RUN useradd --uid 10001 --create-home --shell /usr/sbin/nologin unbend \
 COPY --from=build --chown=unbend:unbend /opt/unbend /opt/unbend
 ENV PATH=/opt/unbend/venv/bin:$PATH \
     UNBEND_LIBRARY=/library/unbend.db
-USER unbend
+USER 10001
 WORKDIR /library
 VOLUME /library
 EXPOSE 8000

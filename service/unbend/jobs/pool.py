@@ -30,8 +30,12 @@ class WorkerPool:
 
     async def warm_up(self) -> None:
         """Have every process load its kernels."""
-        futures = [self._pool.schedule(warm_up) for _ in range(self._workers)]
-        await asyncio.gather(*(asyncio.wrap_future(future) for future in futures))
+        try:
+            futures = [self._pool.schedule(warm_up) for _ in range(self._workers)]
+            await asyncio.gather(*(asyncio.wrap_future(future) for future in futures))
+        except Exception:
+            logger.exception("the worker processes cannot be started")
+            raise
 
     async def call(self, function: Callable[..., T], arguments: tuple[object, ...], seconds: float) -> T:
         """Run `function` in a process; cancelling this stops the process.

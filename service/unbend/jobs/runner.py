@@ -96,13 +96,15 @@ class JobRunner:
 
     @property
     def alive(self) -> bool:
-        """Whether the dispatcher runs."""
-        return self._dispatcher is not None and not self._dispatcher.done()
+        """Whether the dispatcher runs, and workers could be started."""
+        warming = self._warming
+        failed = warming is not None and warming.done() and (warming.cancelled() or warming.exception() is not None)
+        return self._dispatcher is not None and not self._dispatcher.done() and not failed
 
     @property
     def ready(self) -> bool:
         """Whether the workers have their kernels loaded."""
-        return self._warming is not None and self._warming.done() and not self._warming.exception()
+        return self.alive and self._warming is not None and self._warming.done()
 
     @property
     def running(self) -> int:

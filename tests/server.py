@@ -1,0 +1,164 @@
+"""A real server in a process of its own, and small meshes to send to it."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import httpx
+
+from unbend import Surface
+from unbend.mesh.shapes import torus
+from unbend.mesh.write import write_mesh
+
+READY_SECONDS = 120.0
+SAMPLES = {"samples": 40}
+"""Parameters for tests that need some signature, whichever."""
+
+DAMAGED = b"OFF\n4 4 0\n0 0 0\n1 0 0\n"
+"""An off file that ends early."""
+
+
+def ply(surface: Surface) -> bytes:
+    return write_mesh(surface.vertices, surface.faces, "ply")
+
+
+def small_mesh(number: int) -> bytes:
+    """A torus of 60 vertices, another one for each number."""
+    return ply(torus(minor=0.2 + 0.002 * number, columns=10, rows=6))
+
+
+def medium_mesh() -> bytes:
+    """Computed in about a second."""
+    return ply(torus(columns=80, rows=60))
+
+
+def endless_mesh() -> bytes:
+    """Computed, with 2000 samples, in minutes."""
+    return ply(torus(columns=400, rows=250))
+
+
+ENDLESS = {"samples": 2000}
+
+
+def children(pid: int, containing: str = "spawn_main") -> list[int]:
+    """The child processes of `pid` with a word in their command line: the workers by default."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            command = (folder / "cmdline").read_bytes().decode()
+        except (OSError, ValueError):
+            continue
+        if parent == pid and containing in command:
+            found.append(int(folder.name))
+    return sorted(found)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def without_settings(**settings: str) -> dict[str, str]:
+    """This process' environment with no UNBEND_ settings but those given."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("UNBEND_")} | settings
+
+
+class Server:
+    """`unbend serve` on a free port of this machine, ready when made."""
+
+    def __init__(self, folder: Path, *, workers: int = 2, ready: bool = True, **settings: object) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.library = folder / "library.db"
+        self.log = folder / "server.log"
+        environment = without_settings(**{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()})
+        command = [sys.executable, "-m", "unbend", "serve", "--port", "0", "--library", str(self.library)]
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [*command, "--workers", str(workers)], stderr=log, stdout=log, env=environment, cwd=folder
+            )
+        try:
+            self.url = self._address()
+            if ready:
+                self._until_ready()
+        except BaseException:
+            self.stop()
+            raise
+
+    def __enter__(self) -> Server:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def http(self) -> httpx.Client:
+        """A client that begins a connection for every request, so that no request can harm the next."""
+        return httpx.Client(base_url=self.url, timeout=90.0, limits=httpx.Limits(max_keepalive_connections=0))
+
+    def workers(self) -> list[int]:
+        return children(self.process.pid)
+
+    def stop(self) -> None:
+        """Ask it to end; where it does not, end it and its workers."""
+        workers = self.workers()
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(40)
+        except subprocess.TimeoutExpired:
+            self.kill()
+        for pid in filter(is_running, workers):
+            os.kill(pid, signal.SIGKILL)
+
+    def kill(self) -> None:
+        """End it without a chance to clean up."""
+        self.process.kill()
+        self.process.wait()
+
+    def _address(self) -> str:
+        end = time.monotonic() + READY_SECONDS
+        while time.monotonic() < end and self.process.poll() is None:
+            if found := re.search(r"running on (http://[\d.]+:\d+)", self.log.read_text()):
+                return found.group(1)
+            time.sleep(0.05)
+        raise RuntimeError(f"the server did not start:\n{self.log.read_text()}")
+
+    def _until_ready(self) -> None:
+        end = time.monotonic() + READY_SECONDS
+        while time.monotonic() < end and self.process.poll() is None:
+            if httpx.get(f"{self.url}/v1/readyz").status_code == httpx.codes.OK:
+                return
+            time.sleep(0.1)
+        raise RuntimeError(f"the server did not become ready:\n{self.log.read_text()}")
+
+
+def post_mesh(http: httpx.Client, data: bytes, *, file_name: str = "mesh.ply", **fields: str) -> httpx.Response:
+    return http.post("/v1/shapes", files={"file": (file_name, data)}, data=fields)
+
+
+def ended(http: httpx.Client, response: httpx.Response) -> dict:
+    """The job that an upload became, when it has ended."""
+    assert response.status_code == httpx.codes.ACCEPTED, response.text
+    while True:
+        job = http.get(response.headers["Location"], params={"wait": 30}).raise_for_status().json()
+        if job["state"] not in {"queued", "running"}:
+            return job
+
+
+def stored(http: httpx.Client, data: bytes, *, file_name: str = "mesh.ply", **fields: str) -> dict:
+    """The record of a mesh that was just uploaded, or had been before."""
+    response = post_mesh(http, data, file_name=file_name, **fields)
+    if response.status_code == httpx.codes.OK:
+        return response.json()
+    job = ended(http, response)
+    assert job["state"] == "succeeded", job
+    return http.get(f"/v1/shapes/{job['shape_id']}").raise_for_status().json()

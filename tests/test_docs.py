@@ -1,0 +1,49 @@
+"""What the documents promise and the code holds, side by side."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from unbend.api import Settings
+from unbend.matching.measures import MEASURES
+from unbend.signature.parameters import Parameters
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+
+
+def test_every_setting_is_documented_with_its_default():
+    text = (DOCS / "operations.md").read_text()
+    rows = dict(re.findall(r"^\| `(UNBEND_\w+)` \| ([^|]+) \|", text, re.MULTILINE))
+    assert set(rows) == {f"UNBEND_{name.upper()}" for name in Settings.model_fields}
+    for name, field in Settings.model_fields.items():
+        if field.default_factory is None:
+            told = rows[f"UNBEND_{name.upper()}"].strip().strip("`")
+            assert told == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
+
+
+def test_every_parameter_is_documented_with_its_default():
+    rows = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+)`? \|", (DOCS / "http.md").read_text(), re.MULTILINE))
+    assert rows == {name: str(value) for name, value in Parameters().as_dict().items()}
+
+
+def test_every_measure_is_explained():
+    text = (DOCS / "how-it-works.md").read_text()
+    assert all(f"| `{name}`" in text for name in MEASURES)
+
+
+def test_every_dependency_has_its_reason():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = (DOCS / "decisions.md").read_text()
+    for requirement in project["dependencies"]:
+        assert re.search(rf"\b{re.escape(re.split('[<>=]', requirement)[0])}\b", text), requirement
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda page: page.name)
+def test_links_between_the_documents_lead_somewhere(page):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any
 
@@ -19,6 +20,10 @@ from unbend.cli.signature import signature
 from unbend.errors import UnbendError
 
 EXIT_FAILED = 1
+
+# Set before NumPy is loaded. We keep the cores busy with threads and processes of our own; OpenBLAS' threads, which
+# wait by spinning, would take them away, and the matrices are too small to gain by them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class ErrorsShown(click.Group):

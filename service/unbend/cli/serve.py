@@ -8,6 +8,8 @@ import click
 
 from unbend.cli.options import library_option
 
+_SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
+
 
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True)
@@ -28,4 +30,11 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
         problems = "; ".join(f"UNBEND_{str(item['loc'][0]).upper()}: {item['msg']}" for item in error.errors())
         raise click.ClickException(problems) from None
     click.echo(f"unbend: library {settings.library}, {settings.workers} workers", err=True)
-    uvicorn.run(create_app(settings), host=host, port=port, log_level="info", access_log=False)
+    uvicorn.run(
+        create_app(settings),
+        host=host,
+        port=port,
+        log_level="info",
+        access_log=False,
+        timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
+    )

@@ -29,6 +29,8 @@ from unbend.signature.parameters import Parameters
 logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
 
+_RETRY_SECONDS = 1.0
+
 
 @dataclass(frozen=True)
 class JobLimits:
@@ -38,6 +40,9 @@ class JobLimits:
     memory_mb: int | None = 8192
     queued: int = 10_000
     attempts: int = 2
+    """Times a job is begun before the loss of its process counts as its failure."""
+    restarts: int = 10
+    """The same for the loss of the whole server, which is seldom one job's fault, but may be."""
     drain_seconds: float = 20.0
 
 
@@ -54,7 +59,7 @@ class JobRunner:
     """Runs a library's jobs; made and used within one event loop.
 
     A job is durable when `submit` returns it. Jobs found running at `start` were cut off by the end of an
-    earlier process: they are run again, up to `limits.attempts` times.
+    earlier process: they are run again, up to `limits.restarts` times.
     """
 
     def __init__(self, library: Library, *, workers: int, limits: JobLimits | None = None) -> None:
@@ -180,7 +185,13 @@ class JobRunner:
         while True:
             await self._slots.acquire()
             self._wake.clear()
-            job = await asyncio.to_thread(self._claim)
+            try:
+                job = await asyncio.to_thread(self._claim)
+            except Exception:
+                logger.exception("the queue cannot be read; trying again")
+                self._slots.release()
+                await asyncio.sleep(_RETRY_SECONDS)
+                continue
             if job is None:
                 self._slots.release()
                 await self._wake.wait()
@@ -276,7 +287,7 @@ class JobRunner:
         lost = typed_error(ProcessExpired("", 0, 0), self.limits.seconds)
         with self._library.store.write() as connection:
             for job in queue.running_jobs(connection):
-                if job.attempts < self.limits.attempts:
+                if job.attempts < self.limits.restarts:
                     queue.give_back(connection, job.id, count_attempt=True)
                 else:
                     queue.finish(connection, job.id, "failed", error=describe(lost))

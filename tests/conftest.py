@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+
+from server import Server
 
 ROOT = Path(__file__).parent.parent
 SHARED = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
@@ -49,3 +51,18 @@ def rotation() -> Callable[[int], np.ndarray]:
         return q * np.sign(np.linalg.det(q))
 
     return of
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A running server with a library of its own, shared by all tests that do not stop it."""
+    with Server(tmp_path_factory.mktemp("server")) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def small_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server that takes one megabyte, and lets one job wait for its only worker."""
+    folder = tmp_path_factory.mktemp("small")
+    with Server(folder, workers=1, max_upload_mb=1, max_queued=1, drain_seconds=0) as running:
+        yield running

@@ -30,12 +30,17 @@ def ply(surface: Surface) -> bytes:
 
 def small_mesh(number: int) -> bytes:
     """A torus of 60 vertices, another one for each number."""
-    return ply(torus(minor=0.2 + 0.002 * number, columns=10, rows=6))
+    return ply(torus(minor=0.2 + 0.001 * number, columns=10, rows=6))
 
 
 def medium_mesh() -> bytes:
     """Computed in about a second."""
     return ply(torus(columns=80, rows=60))
+
+
+def slow_mesh() -> bytes:
+    """Less than a megabyte, and computed, with 3000 samples or more, in minutes."""
+    return ply(torus(columns=180, rows=120))
 
 
 def endless_mesh() -> bytes:
@@ -80,7 +85,11 @@ class Server:
         folder.mkdir(parents=True, exist_ok=True)
         self.library = folder / "library.db"
         self.log = folder / "server.log"
-        environment = without_settings(**{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()})
+        temporary = folder / "temporary"
+        temporary.mkdir(exist_ok=True)
+        environment = without_settings(
+            TMPDIR=str(temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
+        )
         command = [sys.executable, "-m", "unbend", "serve", "--port", "0", "--library", str(self.library)]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(

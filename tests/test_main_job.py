@@ -8,8 +8,8 @@ import subprocess
 import sys
 
 import pytest
-from server import Server, without_settings
 
+from server import Server, without_settings
 from unbend import Client, Library
 
 

@@ -9,6 +9,14 @@ from unbend.api.problems import Problem, answer
 from unbend.errors import UploadTooLargeError
 
 
+class BodyTooLarge(HTTPException):
+    """The 413 of a body that turned out too large while it was read."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem.status, problem.detail)
+        self.problem = problem
+
+
 class BodyLimit:
     """ASGI middleware that answers 413 to a body of more than `limit` bytes, announced or not."""
 
@@ -33,7 +41,7 @@ class BodyLimit:
             received += len(message.get("body", b""))
             if received > self._limit:
                 # An HTTPException, for FastAPI turns any other error while it parses a body into a 400.
-                raise HTTPException(413, self._problem().detail)
+                raise BodyTooLarge(self._problem())
             return message
 
         await self._app(scope, counting, send)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 from urllib.parse import quote
 
 from fastapi import HTTPException, Request, Response
 
-Format = Literal["json", "ply", "obj", "off", "glb", "npz", "stl"]
+Format = Literal["json", "ply", "obj", "off", "glb", "npz"]
 
 MEDIA_TYPES: Final[dict[str, str]] = {
     "json": "application/json",
@@ -21,14 +21,14 @@ MEDIA_TYPES: Final[dict[str, str]] = {
 }
 
 
-def choose_format(request: Request, wanted: str | None) -> str | None:
-    """Return the format asked for, None where the caller leaves it open; 406 where we have none of those."""
+def choose_format(request: Request, wanted: str | None, default: str) -> str:
+    """Return the format asked for, `default` where the caller leaves it open; 406 where we have none of those."""
     if wanted:
         return wanted
     accepted = [part.split(";")[0].strip().lower() for part in request.headers.get("accept", "*/*").split(",")]
     if any(part in {"", "*/*", "application/*", "model/*", "application/octet-stream"} for part in accepted):
-        return None
-    formats = {media_type: name for name, media_type in MEDIA_TYPES.items()}
+        return default
+    formats: dict[str, str] = {MEDIA_TYPES[name]: name for name in (*get_args(Format), default)}
     for part in accepted:
         if part in formats:
             return formats[part]

@@ -54,6 +54,10 @@ class Problem(BaseModel):
     errors: list[FieldProblem] = Field(default_factory=list, description="With code `request_invalid`: the fields.")
 
 
+_TITLES: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
+"""Of statuses that Python's versions name differently."""
+
+
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the OpenAPI entries of error answers with these statuses."""
     schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
@@ -102,8 +106,11 @@ async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
 async def _on_http(_request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, HTTPException):
         raise error
-    code = HTTPStatus(error.status_code).name.lower()
-    problem = Problem(title=_title(error.status_code), status=error.status_code, detail=str(error.detail), code=code)
+    title = _title(error.status_code)
+    code = title.lower().replace(" ", "_")
+    problem = getattr(error, "problem", None) or Problem(
+        title=title, status=error.status_code, detail=str(error.detail), code=code
+    )
     return answer(problem, dict(error.headers or {}))
 
 
@@ -113,4 +120,4 @@ async def _on_unexpected(_request: Request, error: Exception) -> JSONResponse:
 
 
 def _title(status: int) -> str:
-    return HTTPStatus(status).phrase
+    return _TITLES.get(status) or HTTPStatus(status).phrase

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from pathlib import PurePosixPath
 from typing import Any
 
 from starlette.datastructures import UploadFile
 
-from unbend.errors import ParameterError
 from unbend.jobs import Upload
+from unbend.library.values import MAX_TEXT, check_metadata, parse_json
 from unbend.mesh.formats.detect import detect_format
 from unbend.signature.parameters import Parameters
 
@@ -34,15 +33,11 @@ async def read_upload(file: UploadFile, parameters: str | None) -> Upload:
 
 def parse_metadata(text: str | None) -> dict[str, Any]:
     """Return the `metadata` field as an object; ParameterError if it is not one."""
-    try:
-        value = json.loads(text) if text else {}
-    except ValueError as error:
-        raise ParameterError(f"metadata is not JSON: {error}") from None
-    if not isinstance(value, dict):
-        raise ParameterError("metadata must be a JSON object")
-    return value
+    value = parse_json(text, "metadata") if text else {}
+    check_metadata(value)
+    return dict(value)
 
 
 def name_of(file: UploadFile, name: str | None) -> str:
     """Return the name given, or the file's own without folders and extension."""
-    return name or PurePosixPath((file.filename or "").replace("\\", "/")).stem or "unnamed"
+    return name or PurePosixPath((file.filename or "").replace("\\", "/")).stem[:MAX_TEXT] or "unnamed"

@@ -26,12 +26,15 @@ def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
     ParameterError
         If the header lacks `path` or `class`, a row lacks a value, or a file is not there.
     """
-    with csv_path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.DictReader(file)
-        missing = {"path", "class"} - set(rows.fieldnames or ())
-        if missing:
-            raise ParameterError(f"{csv_path}: the header has no column {min(missing)!r}")
-        files = [_labelled(row, csv_path, rows.line_num, folder) for row in rows]
+    try:
+        with csv_path.open(newline="", encoding="utf-8-sig") as file:
+            rows = csv.DictReader(file)
+            missing = {"path", "class"} - set(rows.fieldnames or ())
+            if missing:
+                raise ParameterError(f"{csv_path}: the header has no column {min(missing)!r}")
+            files = [_labelled(row, csv_path, rows.line_num, folder) for row in rows]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ParameterError(f"{csv_path} is not a CSV file in UTF-8: {error}") from None
     if not files:
         raise ParameterError(f"{csv_path}: there are no rows")
     return files
@@ -39,7 +42,8 @@ def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
 
 def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[LabelledFile]:
     """Return the mesh files below `folder` in the order of their names."""
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower().lstrip(".") in FORMATS)
+    endings = {f".{name}" for name in FORMATS}
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in endings and path.is_file())
     if not paths:
         raise ParameterError(f"{folder}: there is no file that ends in {', '.join(FORMATS)}")
     return [LabelledFile(path, path.parent.name if label_from_folder else None) for path in paths]

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import sys
+from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from unbend.cli.folder import LabelledFile, find_meshes, read_labels
 from unbend.cli.options import folder_argument, library_option, progress, url_option, warn
-from unbend.errors import UnbendError
+from unbend.errors import MeshError, ServiceError, UnbendError
+
+if TYPE_CHECKING:
+    from unbend.client import Job
 
 EXIT_SOME_FAILED = 3
 _AHEAD = 64  # uploads sent before the first is waited for, so that no worker is idle
@@ -50,28 +55,29 @@ def _into_library(files: Sequence[LabelledFile], url: str) -> Iterator[str]:
             try:
                 library.add(file.path, label=file.label)
                 yield ""
-            except UnbendError as error:
+            except (MeshError, OSError) as error:
                 yield f"{file.path}: {error}"
 
 
 def _over_http(files: Sequence[LabelledFile], url: str) -> Iterator[str]:
-    from unbend.client import Client, Job  # noqa: PLC0415
+    from unbend.client import Client  # noqa: PLC0415
 
     with Client(url) as client:
-        waiting: list[tuple[LabelledFile, Job]] = []
+        waiting: deque[tuple[LabelledFile, Job]] = deque()
         for file in files:
-            waiting.append((file, client.submit(file.path, label=file.label)))
+            try:
+                waiting.append((file, client.submit(file.path, label=file.label)))
+            except (UnbendError, OSError) as error:
+                if isinstance(error, ServiceError) and error.status is None:
+                    raise  # nobody is there: no other file will fare better
+                yield f"{file.path}: {error}"
             if len(waiting) > _AHEAD:
-                yield _result(*waiting.pop(0))
+                yield _failure(*waiting.popleft())
         for file, job in waiting:
-            yield _result(file, job)
+            yield _failure(file, job)
 
 
-def _result(file: LabelledFile, job: object) -> str:
-    from unbend.client import Job  # noqa: PLC0415
-
-    if not isinstance(job, Job):
-        raise TypeError(job)
+def _failure(file: LabelledFile, job: Job) -> str:
     try:
         job.result()
     except UnbendError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import FrameType
 from typing import Any
 
 import click
@@ -22,6 +23,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
     from pydantic import ValidationError  # noqa: PLC0415
 
     from unbend.api import Settings, create_app  # noqa: PLC0415
+    from unbend.library import Library  # noqa: PLC0415
 
     given: dict[str, Any] = {"library": library, "workers": workers}
     try:
@@ -30,11 +32,21 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
         problems = "; ".join(f"UNBEND_{str(item['loc'][0]).upper()}: {item['msg']}" for item in error.errors())
         raise click.ClickException(problems) from None
     click.echo(f"unbend: library {settings.library}, {settings.workers} workers", err=True)
-    uvicorn.run(
-        create_app(settings),
+    Library(settings.library).close()  # one that cannot be opened ends the command with a sentence
+    app = create_app(settings)
+
+    class Server(uvicorn.Server):
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            if service := getattr(app.state, "service", None):
+                service.runner.end_waits()
+            super().handle_exit(sig, frame)
+
+    config = uvicorn.Config(
+        app,
         host=host,
         port=port,
         log_level="info",
         access_log=False,
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
+    Server(config).run()

@@ -21,14 +21,16 @@ from unbend.cli.options import make_parameters, mesh_path, parameter_options, wa
 def signature(mesh: Path, output: Path | None, samples: int, dimensions: int, method: str) -> None:
     """Compute the signature of MESH."""
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
+    from unbend.mesh.write import check_format  # noqa: PLC0415
     from unbend.signature.export import export_signature  # noqa: PLC0415
     from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
 
+    file_type = check_format(output.suffix.lower().lstrip(".") if output else "json")
     surface = read_mesh(mesh)
     for note in surface.report.notes:
         warn(f"{mesh.name}: {note}")
     found = compute_signature(surface, make_parameters(samples, dimensions, method))
-    data = export_signature(found, output.suffix.lower().lstrip(".") if output else "json")
+    data = export_signature(found, file_type)
     if output:
         output.write_bytes(data)
         warn(f"{output}: {len(found.points)} points in {found.points.shape[1]} dimensions, stress {found.stress:.4g}")

@@ -54,8 +54,9 @@ class Job:
         return self._client.shape(job["shape_id"]) if job["kind"] == "shape" else job["result"]
 
     def cancel(self) -> Json:
-        """Cancel the job and return it."""
-        self._record = self._client.request("DELETE", f"/v1/jobs/{self.id}").json()
+        """Cancel the job and return it; one that has ended stays as it is."""
+        if self._shape is None:
+            self._record = self._client.request("DELETE", f"/v1/jobs/{self.id}").json()
         return self._record
 
 
@@ -81,7 +82,9 @@ class Client:
     """
 
     def __init__(self, base_url: str, api_key: str | None = None) -> None:
-        self._http = httpx.Client(base_url=base_url, headers=protocol.headers(api_key), timeout=_TIMEOUT)
+        self._http = httpx.Client(
+            base_url=protocol.address(base_url), headers=protocol.headers(api_key), timeout=_TIMEOUT
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -100,7 +103,7 @@ class Client:
         while True:
             try:
                 response = self._http.request(method, path, **options)
-            except httpx.TransportError as error:
+            except (httpx.TransportError, httpx.InvalidURL) as error:
                 raise protocol.unreachable(error) from error
             pause = protocol.retry_after(response)
             if pause is None:
@@ -212,8 +215,9 @@ class AsyncJob:
         return await self._client.shape(job["shape_id"]) if job["kind"] == "shape" else job["result"]
 
     async def cancel(self) -> Json:
-        """Cancel the job and return it."""
-        self._record = (await self._client.request("DELETE", f"/v1/jobs/{self.id}")).json()
+        """Cancel the job and return it; one that has ended stays as it is."""
+        if self._shape is None:
+            self._record = (await self._client.request("DELETE", f"/v1/jobs/{self.id}")).json()
         return self._record
 
 
@@ -221,7 +225,9 @@ class AsyncClient:
     """`Client` for asyncio: the same calls, awaited."""
 
     def __init__(self, base_url: str, api_key: str | None = None) -> None:
-        self._http = httpx.AsyncClient(base_url=base_url, headers=protocol.headers(api_key), timeout=_TIMEOUT)
+        self._http = httpx.AsyncClient(
+            base_url=protocol.address(base_url), headers=protocol.headers(api_key), timeout=_TIMEOUT
+        )
 
     async def __aenter__(self) -> Self:
         return self
@@ -240,7 +246,7 @@ class AsyncClient:
         while True:
             try:
                 response = await self._http.request(method, path, **options)
-            except httpx.TransportError as error:
+            except (httpx.TransportError, httpx.InvalidURL) as error:
                 raise protocol.unreachable(error) from error
             pause = protocol.retry_after(response)
             if pause is None:

@@ -119,6 +119,14 @@ def submitted(response: httpx.Response) -> tuple[Json, Json | None]:
     return body, None
 
 
+def address(base_url: str) -> httpx.URL:
+    """Return a service's address; ServiceError where it is none."""
+    try:
+        return httpx.URL(base_url)
+    except httpx.InvalidURL as error:
+        raise ServiceError(f"{base_url} is not an address: {error}") from None
+
+
 def headers(api_key: str | None) -> dict[str, str]:
     """Return the headers that every request carries."""
     return {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
@@ -163,6 +171,6 @@ def outcome(job: Json) -> Json:
     raise _JOB_ERRORS.get(error["code"], JobError)(error["message"])
 
 
-def unreachable(error: httpx.TransportError) -> ServiceError:
+def unreachable(error: Exception) -> ServiceError:
     """Return the error of a service that did not answer."""
     return ServiceError(f"the service could not be reached: {error}")

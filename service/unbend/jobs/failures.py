@@ -6,7 +6,7 @@ import logging
 
 from pebble import ProcessExpired
 
-from unbend.errors import JobError, JobTimeoutError, UnbendError, WorkerLostError
+from unbend.errors import JobError, JobMemoryError, JobTimeoutError, UnbendError, WorkerLostError
 
 logger = logging.getLogger("unbend.jobs")
 
@@ -17,6 +17,8 @@ def typed_error(error: BaseException, seconds: float) -> UnbendError:
         return error
     if isinstance(error, TimeoutError):
         return JobTimeoutError(f"the job ran longer than {seconds:g} seconds")
+    if isinstance(error, MemoryError):
+        return JobMemoryError("the mesh needs more memory than a job may use")
     if isinstance(error, ProcessExpired):
         return WorkerLostError("the process that ran the job died")
     logger.error("a job failed with an unexpected error", exc_info=error)

@@ -16,6 +16,9 @@ from unbend.jobs.worker import initialise, warm_up
 logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
 
+_WARM_UP_ATTEMPTS = 3
+_WARM_UP_SECONDS = 600.0  # the first time on a machine every kernel is compiled
+
 
 class WorkerPool:
     """Processes that compute tasks; one that dies takes only its own task with it.
@@ -31,11 +34,20 @@ class WorkerPool:
     async def warm_up(self) -> None:
         """Have every process load its kernels."""
         try:
-            futures = [self._pool.schedule(warm_up) for _ in range(self._workers)]
-            await asyncio.gather(*(asyncio.wrap_future(future) for future in futures))
+            await asyncio.gather(*(self._warm_up_one() for _ in range(self._workers)))
         except Exception:
             logger.exception("the worker processes cannot be started")
             raise
+
+    async def _warm_up_one(self) -> None:
+        for attempt in range(_WARM_UP_ATTEMPTS):
+            try:
+                await self.call(warm_up, (), _WARM_UP_SECONDS)
+            except ProcessExpired:
+                if attempt + 1 == _WARM_UP_ATTEMPTS:
+                    raise
+            else:
+                return
 
     async def call(self, function: Callable[..., T], arguments: tuple[object, ...], seconds: float) -> T:
         """Run `function` in a process; cancelling this stops the process.

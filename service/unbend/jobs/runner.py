@@ -19,8 +19,8 @@ from pebble import ProcessExpired
 from unbend.errors import JobCancelledError, QueueFullError
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.pool import WorkerPool
-from unbend.jobs.progress import ProgressFile
-from unbend.jobs.worker import Outcome, Task, compute
+from unbend.jobs.progress import ProgressFile, Report
+from unbend.jobs.worker import Outcome, StoredMesh, Task, compute
 from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.records import JobKind, JobRecord, JobState, ShapeRecord
@@ -40,9 +40,9 @@ class JobLimits:
     memory_mb: int | None = 8192
     queued: int = 10_000
     attempts: int = 2
-    """Times a job is begun before the loss of its process counts as its failure."""
+    """Times a job is begun before the loss of its process is its failure."""
     restarts: int = 10
-    """The same for the loss of the whole server, which is seldom one job's fault, but may be."""
+    """Times the whole server may be lost while a job is in hand: seldom that job's fault, but it may be."""
     drain_seconds: float = 20.0
 
 
@@ -74,16 +74,20 @@ class JobRunner:
         self._finished: dict[str, asyncio.Event] = {}
         self._folder = tempfile.TemporaryDirectory(prefix="unbend-")
         self._dispatcher: asyncio.Task[None] | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stopping = False
         self._warming: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
         """Take up what an earlier process left, begin, and warm the workers meanwhile."""
+        self._loop = asyncio.get_running_loop()
         await asyncio.to_thread(self._recover)
         self._warming = asyncio.create_task(self._pool.warm_up(), name="unbend warm-up")
         self._dispatcher = asyncio.create_task(self._dispatch(), name="unbend dispatcher")
 
     async def stop(self) -> None:
         """Stop claiming, give running jobs `limits.drain_seconds`, put the rest back into the queue."""
+        self._end_waits()
         own = [task for task in (self._dispatcher, self._warming) if task]
         for task in own:
             task.cancel()
@@ -95,9 +99,19 @@ class JobRunner:
             task.cancel()
         await asyncio.gather(*left.values(), return_exceptions=True)
         for job_id in left:
-            await asyncio.to_thread(self._give_back, job_id, count_attempt=False)
+            await asyncio.to_thread(self._give_back, job_id, "nothing")
         await asyncio.to_thread(self._pool.stop)
         self._folder.cleanup()
+
+    def end_waits(self) -> None:
+        """Answer everybody who waits for a job with the job as it is; safe to call from a signal handler."""
+        if self._loop:
+            self._loop.call_soon_threadsafe(self._end_waits)
+
+    def _end_waits(self) -> None:
+        self._stopping = True
+        for event in self._finished.values():
+            event.set()
 
     @property
     def alive(self) -> bool:
@@ -147,6 +161,8 @@ class JobRunner:
     async def wait(self, job_id: str, seconds: float) -> JobRecord:
         """Return a job when it has ended, or as it is after `seconds`."""
         await self.status(job_id)
+        if self._stopping:
+            return await self.status(job_id)
         event = self._finished.setdefault(job_id, asyncio.Event())
         job = await self.status(job_id)  # again: it may have ended before the event was there
         if job.finished:
@@ -206,16 +222,15 @@ class JobRunner:
         ProgressFile(self._progress_folder, job_id).remove()
 
     async def _run(self, job: JobRecord) -> None:
-        task = Task(
-            job.id, self._library.store.url, self._progress_folder, job.mesh_sha256 or "", job.file_type, job.parameters
-        )
+        mesh = StoredMesh(self._library.store.url, job.mesh_sha256 or "", job.file_type)
+        task = Task(job.id, mesh, self._progress_folder, job.parameters)
         try:
             outcome = await self._pool.call(compute, (task,), self.limits.seconds)
             await asyncio.to_thread(self._store, job, outcome)
         except ProcessExpired as error:
             if job.attempts < self.limits.attempts:
                 logger.warning("job %s lost its process, attempt %d", job.id, job.attempts)
-                await asyncio.to_thread(self._give_back, job.id, count_attempt=True)
+                await asyncio.to_thread(self._give_back, job.id, "worker")
                 self._wake.set()
                 return
             await self._fail(job, error)
@@ -226,7 +241,9 @@ class JobRunner:
     async def _fail(self, job: JobRecord, error: Exception) -> None:
         typed = typed_error(error, self.limits.seconds)
         logger.info("job %s failed: %s: %s", job.id, typed.code, typed)
-        await asyncio.to_thread(self._finish, job.id, "failed", error=describe(typed))
+        report = ProgressFile(self._progress_folder, job.id).read() or Report(job.stage, job.progress)
+        reached = {"stage": report.stage, "progress": report.share}
+        await asyncio.to_thread(self._finish, job.id, "failed", error=describe(typed), reached=reached)
 
     def _announce(self, job_id: str) -> None:
         if event := self._finished.pop(job_id, None):
@@ -279,16 +296,16 @@ class JobRunner:
         with self._library.store.write() as connection:
             return queue.finish(connection, job_id, state, **values)
 
-    def _give_back(self, job_id: str, *, count_attempt: bool) -> None:
+    def _give_back(self, job_id: str, lost: queue.Lost) -> None:
         with self._library.store.write() as connection:
-            queue.give_back(connection, job_id, count_attempt=count_attempt)
+            queue.give_back(connection, job_id, lost=lost)
 
     def _recover(self) -> None:
         lost = typed_error(ProcessExpired("", 0, 0), self.limits.seconds)
         with self._library.store.write() as connection:
             for job in queue.running_jobs(connection):
-                if job.attempts < self.limits.restarts:
-                    queue.give_back(connection, job.id, count_attempt=True)
+                if job.restarts < self.limits.restarts:
+                    queue.give_back(connection, job.id, lost="server")
                 else:
                     queue.finish(connection, job.id, "failed", error=describe(lost))
 

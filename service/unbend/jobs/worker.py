@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
+import os
 import resource
 import signal
+import threading
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -27,14 +30,21 @@ from unbend.signature.signature import Signature
 
 
 @dataclass(frozen=True)
+class StoredMesh:
+    """Where a mesh file is, and its format where the content does not tell."""
+
+    store_url: str
+    sha256: str
+    file_type: str
+
+
+@dataclass(frozen=True)
 class Task:
     """A job, as much as a worker needs of it."""
 
     job_id: str
-    store_url: str
+    mesh: StoredMesh
     progress_folder: Path
-    sha256: str
-    file_type: str
     parameters: str
 
 
@@ -50,10 +60,19 @@ class Outcome:
 def initialise(memory_bytes: int | None) -> None:
     """Prepare a worker: one thread for each library, no more memory than allowed, Ctrl-C left to the server."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow_parent, daemon=True).start()
     threadpool_limits(1)  # the pool has a process for every core
     if memory_bytes:
         with contextlib.suppress(ValueError, OSError):  # systems that do not limit address space
             resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+
+
+def _follow_parent() -> None:
+    """End with the process that started this one, however it ended: nobody wants the work any more."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def compute(task: Task) -> Outcome:
@@ -69,10 +88,7 @@ def compute(task: Task) -> Outcome:
     progress = ProgressFile(task.progress_folder, task.job_id)
     try:
         progress.write("reading", 0.0)
-        store = _store(task.store_url)
-        with store.read() as connection:
-            data = get_mesh(connection, task.sha256)
-        surface = read_mesh(data, file_type=task.file_type)
+        surface = _read(task.mesh)
         signature = compute_signature(
             surface, Parameters.from_json(task.parameters), progress=progress.write, threads=1
         )
@@ -81,16 +97,16 @@ def compute(task: Task) -> Outcome:
     return Outcome(signature, surface.area, surface.report.as_dict())
 
 
-def distances_from(store_url: str, sha256: str, update: Update, source: int) -> list[float | None]:
+def distances_from(mesh: StoredMesh, update: Update, source: int) -> list[float | None]:
     """Return the geodesic distances of a stored mesh from one vertex; None where it cannot reach."""
-    surface = _stored_surface(store_url, sha256)
+    surface = _read(mesh)
     distances = geodesic_distances(surface, source, update=update, threads=1)[0]
     return [float(distance) if np.isfinite(distance) else None for distance in distances]
 
 
-def convert(store_url: str, sha256: str, file_type: str) -> bytes:
+def convert(mesh: StoredMesh, file_type: str) -> bytes:
     """Return a stored mesh in another format, as it was after reading and repair."""
-    surface = _stored_surface(store_url, sha256)
+    surface = _read(mesh)
     return write_mesh(surface.vertices, surface.faces, file_type)
 
 
@@ -101,10 +117,10 @@ def warm_up() -> bool:
     return True
 
 
-def _stored_surface(store_url: str, sha256: str) -> Surface:
-    with _store(store_url).read() as connection:
-        data = get_mesh(connection, sha256)
-    return read_mesh(data)
+def _read(mesh: StoredMesh) -> Surface:
+    with _store(mesh.store_url).read() as connection:
+        data = get_mesh(connection, mesh.sha256)
+    return read_mesh(data, file_type=mesh.file_type)
 
 
 @cache

@@ -10,9 +10,8 @@ from typing import Any
 from alembic import command
 from alembic.config import Config
 from alembic.util import CommandError
-from sqlalchemy import Connection, Engine, create_engine, event
-from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, OperationalError
+from sqlalchemy import URL, Connection, Engine, create_engine, event
+from sqlalchemy.exc import ArgumentError, DatabaseError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
 
@@ -39,8 +38,8 @@ class Store:
     """
 
     def __init__(self, url: str, *, migrate: bool = True) -> None:
-        self.url = _full_url(url)
-        self._engine = create_engine(self.url)
+        self.url = url
+        self._engine = _create_engine(url)
         if self._engine.dialect.name == "sqlite":
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "begin", _begin_sqlite)
@@ -64,13 +63,15 @@ class Store:
         self._engine.dispose()
 
 
-def _full_url(url: str) -> str:
-    if "://" not in url:
-        return f"sqlite:///{Path(url).expanduser()}"
+def _create_engine(url: str) -> Engine:
     try:
-        return make_url(url).render_as_string(hide_password=False)
-    except ArgumentError:
-        raise ParameterError(f"{url.split(':', maxsplit=1)[0]}: not a path or a database URL") from None
+        if "://" not in url:
+            return create_engine(URL.create("sqlite", database=str(Path(url).expanduser())))
+        return create_engine(url)
+    except (ArgumentError, ImportError):  # the driver of a database that is not installed
+        raise ParameterError(
+            f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know"
+        ) from None
 
 
 def _prepare_sqlite(connection: Any, _record: object) -> None:
@@ -99,5 +100,7 @@ def _migrate(engine: Engine) -> None:
             command.upgrade(config, "head")
     except CommandError as error:
         raise StoreVersionError("the library was made by a later version of unbend") from error
-    except OperationalError as error:
-        raise StoreError(f"the library at {engine.url.render_as_string()} cannot be opened: {error.orig}") from error
+    except DatabaseError as error:
+        raise StoreError(
+            f"the library at {engine.url.render_as_string(hide_password=True)} cannot be opened: {error.orig}"
+        ) from error

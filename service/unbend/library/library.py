@@ -14,6 +14,7 @@ from unbend.library.engine import Store
 from unbend.library.index import IndexedShapes, IndexKey, VectorIndex
 from unbend.library.payload import unpack_signature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
+from unbend.library.values import MAX_TEXT, check_changes
 from unbend.matching.evaluate import RetrievalFigures, leave_one_out
 from unbend.matching.measures import DEFAULT_MEASURE, get_measure
 from unbend.matching.ranking import ClassMatch, Gallery, is_known, rank_classes, rank_shapes
@@ -108,24 +109,30 @@ class Library:
         ------
         MeshError
             As `read_mesh` and `compute_signature` do.
+        ParameterError
+            If the name, label or metadata cannot be stored.
         """
-        data = source if isinstance(source, bytes) else Path(source).read_bytes()
-        hint = "" if isinstance(source, bytes) else Path(source).suffix
+        given = Path("unnamed") if isinstance(source, bytes) else Path(source)
+        described: dict[str, Any] = {
+            "name": (name or given.stem)[:MAX_TEXT],
+            "label": label,
+            "metadata": metadata or {},
+        }
+        check_changes(described)
+        data = source if isinstance(source, bytes) else given.read_bytes()
         chosen = parameters or Parameters()
         sha256 = hashlib.sha256(data).hexdigest()
         with self.store.read() as connection:
             known = rows.find_shape(connection, sha256, chosen.to_json())
         if known:
             return known
-        surface = read_mesh(data, file_type=hint)
+        surface = read_mesh(data, file_type=given.suffix)
         new = rows.NewShape(
             sha256=sha256,
             signature=compute_signature(surface, chosen),
             area=surface.area,
             report=surface.report.as_dict(),
-            name=name or (Path(source).stem if not isinstance(source, bytes) else "unnamed"),
-            label=label,
-            metadata=metadata or {},
+            **described,
         )
         with self.store.write() as connection:
             rows.put_mesh(connection, sha256, data)
@@ -138,13 +145,14 @@ class Library:
 
     def page(self, *, label: str | None = None, cursor: str | None = None, limit: int = 100) -> ShapePage:
         """Return up to `limit` (at most 500) shapes after `cursor`, in the order they were added."""
+        if limit < 1:
+            raise ParameterError(f"limit must be at least 1, not {limit}")
         with self.store.read() as connection:
             return rows.list_shapes(connection, label=label, cursor=cursor, limit=limit)
 
     def change(self, shape_id: str, changes: dict[str, Any]) -> ShapeRecord:
         """Set some of a shape's name, label and metadata."""
-        if unknown := set(changes) - {"name", "label", "metadata"}:
-            raise ParameterError(f"a shape's {min(unknown)} cannot be changed")
+        check_changes(changes)
         with self.store.write() as connection:
             return rows.change_shape(connection, shape_id, changes)
 

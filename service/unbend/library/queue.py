@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import Connection, func, insert, select, update
 from sqlalchemy.engine import Row
@@ -13,6 +13,9 @@ from unbend.errors import NotFoundError
 from unbend.library.records import JobKind, JobRecord, JobState
 from unbend.library.schema import jobs
 from unbend.library.shapes import drop_unused_mesh
+
+Lost = Literal["worker", "server", "nothing"]
+"""Why a job is given back: its process died, the whole server died, or the server stops in order."""
 
 
 def enqueue(
@@ -28,8 +31,8 @@ def enqueue(
     job_id = uuid.uuid4().hex
     connection.execute(
         insert(jobs).values(
-            id=job_id, kind=kind, state="queued", stage="queued", progress=0.0, attempts=0, mesh_sha256=sha256,
-            file_type=file_type, parameters=parameters, request=request, created_at=datetime.now(UTC),
+            id=job_id, kind=kind, state="queued", stage="queued", progress=0.0, attempts=0, restarts=0,
+            mesh_sha256=sha256, file_type=file_type, parameters=parameters, request=request, created_at=datetime.now(UTC),
         )
     )  # fmt: skip
     return get_job(connection, job_id)
@@ -81,11 +84,13 @@ def claim(connection: Connection) -> JobRecord | None:
     return None if row is None else _record(row)
 
 
-def give_back(connection: Connection, job_id: str, *, count_attempt: bool) -> None:
-    """Put a running job back into the queue, at its old place."""
+def give_back(connection: Connection, job_id: str, *, lost: Lost) -> None:
+    """Put a running job back into the queue, at its old place; count what was lost."""
     values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
-    if not count_attempt:
+    if lost != "worker":
         values["attempts"] = jobs.c.attempts - 1
+    if lost == "server":
+        values["restarts"] = jobs.c.restarts + 1
     connection.execute(update(jobs).where(jobs.c.id == job_id, jobs.c.state == "running").values(**values))
 
 
@@ -97,6 +102,7 @@ def finish(
     error: dict[str, Any] | None = None,
     result: dict[str, Any] | None = None,
     shape_id: str | None = None,
+    reached: dict[str, Any] | None = None,
 ) -> bool:
     """End an unfinished job and forget its mesh if nothing else needs it; False if it had ended before."""
     done = state == "succeeded"
@@ -106,7 +112,7 @@ def finish(
         "error": error,
         "result": result,
     }
-    values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if done else {}
+    values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if done else reached or {}
     sha256 = connection.scalar(
         update(jobs)
         .where(jobs.c.id == job_id, jobs.c.state.in_(("queued", "running")))

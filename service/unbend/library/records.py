@@ -57,6 +57,7 @@ class JobRecord:
     stage: str
     progress: float
     attempts: int
+    restarts: int
     mesh_sha256: str | None
     file_type: str
     parameters: str

@@ -104,6 +104,7 @@ jobs = Table(
     Column("stage", String, nullable=False),
     Column("progress", Float, nullable=False),
     Column("attempts", Integer, nullable=False),
+    Column("restarts", Integer, nullable=False),
     Column("mesh_sha256", ForeignKey("meshes.sha256")),
     Column("file_type", String, nullable=False),
     Column("parameters", String, nullable=False),

@@ -77,8 +77,9 @@ class Parameters:
         """Make parameters from JSON text; ParameterError if it is not an object of known fields."""
         try:
             values = json.loads(text)
-        except ValueError as error:
-            raise ParameterError(f"parameters are not JSON: {error}") from None
+        except (ValueError, RecursionError) as error:
+            reason = "nested too deeply" if isinstance(error, RecursionError) else f"not JSON: {error}"
+            raise ParameterError(f"parameters are {reason}") from None
         if not isinstance(values, dict):
             raise ParameterError("parameters must be a JSON object")
         return cls.from_dict(values)

@@ -11,10 +11,10 @@ from fastapi.responses import JSONResponse
 from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
 from unbend.api.negotiation import MEDIA_TYPES, Format, choose_format, file_response
 from unbend.api.problems import problem_responses
-from unbend.api.service import ServiceDependency
+from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
-from unbend.jobs.worker import convert, distances_from
+from unbend.jobs.worker import StoredMesh, convert, distances_from
 from unbend.library.records import ShapeRecord
 from unbend.signature.export import export_signature
 
@@ -94,10 +94,10 @@ async def get_mesh(
     """Download the mesh: byte for byte as it was uploaded, or converted to `format`."""
     record = await asyncio.to_thread(service.library.get, shape_id)
     stored = str(record.report["file_type"])
-    wanted = choose_format(request, format) or stored
+    wanted = choose_format(request, format, stored)
     if wanted == stored:
         return file_response(await asyncio.to_thread(service.library.mesh, shape_id), stored, record.name)
-    data = await service.runner.call(convert, service.library.store.url, record.sha256, wanted)
+    data = await service.runner.call(convert, _stored(service, record), wanted)
     return file_response(data, wanted, record.name)
 
 
@@ -110,7 +110,7 @@ def get_signature(
 ) -> Response:
     """Download the signature: everything as json (the default) or npz, or its surface as ply, obj, off or glb."""
     record = service.library.get(shape_id)
-    wanted = choose_format(request, format) or "json"
+    wanted = choose_format(request, format, "json")
     data = export_signature(service.library.signature(shape_id), wanted)
     return file_response(data, wanted, f"{record.name}-signature")
 
@@ -131,5 +131,9 @@ async def get_geodesics(
 ) -> Distances:
     """Return the geodesic distances from one vertex to all."""
     record = await asyncio.to_thread(service.library.get, shape_id)
-    values: Any = await service.runner.call(distances_from, service.library.store.url, record.sha256, update, source)
+    values: Any = await service.runner.call(distances_from, _stored(service, record), update, source)
     return Distances(source=source, distances=values)
+
+
+def _stored(service: Service, record: ShapeRecord) -> StoredMesh:
+    return StoredMesh(service.library.store.url, record.sha256, str(record.report["file_type"]))

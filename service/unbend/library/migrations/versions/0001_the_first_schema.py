@@ -35,6 +35,7 @@ def upgrade() -> None:
         sa.Column("stage", sa.String(), nullable=False),
         sa.Column("progress", sa.Float(), nullable=False),
         sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("restarts", sa.Integer(), nullable=False),
         sa.Column("mesh_sha256", sa.String(length=64), nullable=True),
         sa.Column("file_type", sa.String(), nullable=False),
         sa.Column("parameters", sa.String(), nullable=False),

@@ -1,0 +1,87 @@
+"""The OpenAPI document and the pages made of it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from urllib.parse import urljoin
+
+import pytest
+
+from unbend.api import create_app
+
+COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
+
+
+@pytest.fixture(scope="module")
+def http(server):
+    with server.http() as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def document(http) -> dict:
+    return http.get("/openapi.json").raise_for_status().json()
+
+
+def test_the_served_document_is_the_codes_and_the_committed_one(document):
+    assert document == json.loads(json.dumps(create_app().openapi()))
+    assert document == json.loads(COMMITTED.read_text())
+
+
+@pytest.mark.parametrize("page", ["/docs", "/redoc"])
+def test_the_pages_of_the_document_need_nothing_from_elsewhere(http, page):
+    response = http.get(page)
+    assert response.status_code == 200
+    assert not re.search(r"""(src|href|url)\s*[=:(]\s*["']?(https?:)?//""", response.text)
+    assets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)["']""", response.text)
+    assert any(asset.endswith(".js") for asset in assets)
+    for asset in [*assets, "/openapi.json"]:
+        found = http.get(urljoin(page, asset))
+        assert found.status_code == 200, asset
+        assert found.content
+    for sheet in (asset for asset in assets if asset.endswith(".css")):
+        assert not re.search(r"url\(\s*[\"']?(https?:)?//", http.get(sheet).text)
+
+
+def test_the_root_leads_somewhere(http):
+    assert http.get("/", follow_redirects=True).status_code == 200
+
+
+def operations(document: dict):
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            yield path, method, operation
+
+
+def test_every_documented_call_answers_as_documented(http, document):
+    asked = 0
+    for path, method, operation in operations(document):
+        url = re.sub(r"\{\w+\}", "nobody", path)
+        response = http.request(method, url)
+        assert str(response.status_code) in operation["responses"], (method, url, response.status_code, response.text)
+        if response.is_error:
+            assert response.headers["content-type"] == "application/problem+json"
+            assert response.json()["detail"] not in {"Not Found", "Method Not Allowed"}, (method, url)
+        asked += 1
+    assert asked >= 17
+
+
+def test_every_call_says_what_it_does_and_every_error_is_a_problem(document):
+    for path, method, operation in operations(document):
+        assert operation["description"], (method, path)
+        for status, response in operation["responses"].items():
+            if int(status) >= 400:
+                reference = response["content"]["application/problem+json"]["schema"]["$ref"]
+                assert reference == "#/components/schemas/Problem"
+    assert "HTTPValidationError" not in json.dumps(document)
+
+
+def test_every_reference_of_the_document_leads_somewhere(document):
+    references = set(re.findall(r'"\$ref": "#/([^"]+)"', json.dumps(document)))
+    assert references
+    for reference in references:
+        place = document
+        for part in reference.split("/"):
+            place = place[part]

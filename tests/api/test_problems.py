@@ -1,0 +1,193 @@
+"""Every error is a problem document of one shape; limits hold before anything is parsed."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import time
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from server import SAMPLES, post_mesh, slow_mesh, small_mesh, stored
+
+MEMBERS = {"type", "title", "status", "detail", "code", "advice", "errors"}
+FEW = json.dumps(SAMPLES)
+
+
+def check(response: httpx.Response, status: int, code: str) -> dict:
+    """The problem that a response is, after looking at its shape."""
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    problem = response.json()
+    assert set(problem) == MEMBERS
+    assert problem["status"] == status
+    assert problem["code"] == code
+    assert problem["type"] == "about:blank"
+    assert problem["title"]
+    assert problem["detail"]
+    for item in problem["errors"]:
+        assert set(item) == {"field", "message"}
+    assert "Traceback" not in response.text
+    return problem
+
+
+@pytest.fixture(scope="module")
+def http_client(server):
+    with server.http() as client:
+        yield client
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/v1", "/v1/nothing", "/v1/shapes/a/b/c"])
+def test_a_route_that_is_not_there_is_not_found(http_client, path):
+    check(http_client.get(path), 404, "not_found")
+
+
+@pytest.mark.parametrize(("method", "path"), [("PUT", "/v1/shapes"), ("GET", "/v1/queries"), ("POST", "/v1/jobs/x")])
+def test_a_method_that_is_not_there_is_not_allowed(http_client, method, path):
+    response = http_client.request(method, path)
+    check(response, 405, "method_not_allowed")
+    assert response.headers["allow"]
+
+
+def test_a_shape_that_is_not_there_is_not_found_with_advice(http_client):
+    problem = check(http_client.get("/v1/shapes/nobody"), 404, "not_found")
+    assert problem["detail"] == "no shape nobody"
+    assert problem["advice"]
+
+
+def test_a_file_of_no_format_we_read_is_unsupported(http_client):
+    problem = check(post_mesh(http_client, b"\x89PNG\r\n", file_name="cat.png"), 415, "mesh_format")
+    assert "off, obj, ply, stl, glb" in problem["detail"]
+    check(post_mesh(http_client, b"", file_name="empty"), 415, "mesh_format")
+
+
+def test_a_format_not_served_is_not_acceptable(http_client):
+    shape = stored(http_client, small_mesh(240), parameters=FEW)
+    check(http_client.get(f"/v1/shapes/{shape['id']}/mesh", headers={"Accept": "text/html"}), 406, "not_acceptable")
+
+
+def test_fields_of_a_request_that_are_wrong_are_named(http_client):
+    problem = check(http_client.get("/v1/shapes", params={"limit": 501}), 422, "request_invalid")
+    assert [item["field"] for item in problem["errors"]] == ["query.limit"]
+    problem = check(http_client.post("/v1/shapes", data={"name": "x"}), 422, "request_invalid")
+    assert [item["field"] for item in problem["errors"]] == ["body.file"]
+    problem = check(post_mesh(http_client, small_mesh(241), label="x" * 201), 422, "request_invalid")
+    assert [item["field"] for item in problem["errors"]] == ["body.label"]
+    problem = check(http_client.get("/v1/jobs", params={"state": "lost", "limit": 0}), 422, "request_invalid")
+    assert {item["field"] for item in problem["errors"]} == {"query.state", "query.limit"}
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    ["{", "[]", "null", '{"samples": 3}', '{"samples": "many"}', '{"colour": 1}', '{"method": "x"}', "NaN"],
+)
+def test_parameters_out_of_range_are_refused_before_a_job_is_made(http_client, parameters):
+    check(post_mesh(http_client, small_mesh(242), parameters=parameters), 422, "parameter_invalid")
+
+
+@pytest.mark.parametrize("metadata", ["{", "[]", "null", "1", '"text"'])
+def test_metadata_must_be_a_json_object(http_client, metadata):
+    problem = check(post_mesh(http_client, small_mesh(242), metadata=metadata), 422, "parameter_invalid")
+    assert "metadata" in problem["detail"]
+
+
+def test_deep_parameters_are_refused(http_client):
+    check(post_mesh(http_client, small_mesh(242), parameters="[" * 60_000), 422, "parameter_invalid")
+
+
+def test_a_cursor_that_is_none_is_refused(http_client):
+    check(http_client.get("/v1/shapes", params={"cursor": "x"}), 422, "parameter_invalid")
+
+
+@pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
+@pytest.mark.parametrize("boundary", ["; boundary=b", ""])
+def test_a_form_that_is_none_is_a_bad_request(http_client, path, boundary):
+    headers = {"Content-Type": f"multipart/form-data{boundary}"}
+    check(http_client.post(path, content=b"this is no form", headers=headers), 400, "bad_request")
+
+
+@pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
+def test_a_form_that_is_cut_short_lacks_its_file(http_client, path):
+    headers = {"Content-Type": "multipart/form-data; boundary=b"}
+    cut = b'--b\r\nContent-Disposition: form-data; name="file"; filename="x.off"\r\n\r\nOFF 4 4'
+    problem = check(http_client.post(path, content=cut, headers=headers), 422, "request_invalid")
+    assert [item["field"] for item in problem["errors"]] == ["body.file"]
+
+
+def test_json_that_is_broken_is_refused(http_client):
+    headers = {"Content-Type": "application/json"}
+    check(http_client.patch("/v1/shapes/x", content=b"{", headers=headers), 422, "request_invalid")
+    check(http_client.patch("/v1/shapes/x", content=b"\xff\xfe", headers=headers), 422, "request_invalid")
+    check(http_client.post("/v1/queries", content=b"\xff\xfe", headers=headers), 422, "request_invalid")
+
+
+@pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
+def test_an_announced_upload_that_is_too_large_is_refused(small_server, path):
+    with small_server.http() as client:
+        response = client.post(path, files={"file": ("x.ply", bytes(3 * 2**20))})
+        problem = check(response, 413, "upload_too_large")
+        assert "1 megabytes" in problem["detail"]
+        assert problem["advice"]
+
+
+@pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
+def test_an_unannounced_upload_that_is_too_large_is_refused_in_the_same_words(small_server, path):
+    def body() -> Iterator[bytes]:
+        yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="x.ply"\r\n\r\n'
+        for _ in range(48):
+            yield bytes(2**16)
+
+    with small_server.http() as client:
+        announced = client.post(path, files={"file": ("x.ply", bytes(3 * 2**20))}).json()
+        response = client.post(path, content=body(), headers={"Content-Type": "multipart/form-data; boundary=b"})
+        assert check(response, 413, "upload_too_large") == announced
+
+
+def test_json_that_is_too_large_is_refused(small_server):
+    with small_server.http() as client:
+        check(client.post("/v1/queries", json={"shape_id": "x" * 2**21}), 413, "upload_too_large")
+
+
+def test_a_length_that_is_no_number_is_refused(small_server):
+    address = urlsplit(small_server.url)
+    connection = http.client.HTTPConnection(address.hostname, address.port, timeout=30)
+    connection.putrequest("POST", "/v1/shapes")
+    connection.putheader("Content-Length", "lots")
+    connection.endheaders()
+    assert connection.getresponse().status in {400, 411, 413}
+    connection.close()
+
+
+def test_a_full_queue_answers_429_and_when_to_come_again(small_server):
+    with small_server.http() as client:
+        jobs = [
+            post_mesh(client, slow_mesh(), parameters=json.dumps({"samples": 4000 + number})) for number in range(2)
+        ]
+        for response in jobs:
+            assert response.status_code == 202
+            until_running(client, response.headers["Location"])
+        jobs.append(post_mesh(client, small_mesh(0), parameters=FEW))
+        assert jobs[-1].json()["position"] == 0
+        try:
+            for refused in (
+                post_mesh(client, small_mesh(1), parameters=FEW),
+                client.post("/v1/queries", files={"file": ("x.ply", small_mesh(1))}),
+            ):
+                check(refused, 429, "queue_full")
+                assert int(refused.headers["retry-after"]) >= 1
+            assert client.get("/v1/capacity").json() == {"workers": 1, "running": 2, "queued": 1, "max_queued": 1}
+            assert post_mesh(client, small_mesh(0), parameters=FEW).status_code == 202  # the same job
+        finally:
+            for response in jobs:
+                client.delete(response.headers["Location"])
+        assert post_mesh(client, small_mesh(1), parameters=FEW).status_code == 202
+
+
+def until_running(client: httpx.Client, url: str) -> None:
+    end = time.monotonic() + 60
+    while client.get(url).json()["state"] != "running":
+        assert time.monotonic() < end
+        time.sleep(0.02)

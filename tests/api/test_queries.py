@@ -1,0 +1,189 @@
+"""Queries and jobs over HTTP."""
+
+from __future__ import annotations
+
+import json
+import time
+import uuid
+
+import pytest
+
+from server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored
+from unbend import Library, Parameters, compute_signature, read_mesh
+from unbend.mesh.shapes import sphere
+
+# Parameters of these tests alone, so that no other test's shapes take part.
+OWN = {"samples": 37}
+FEW = json.dumps(OWN)
+
+
+@pytest.fixture(scope="module")
+def http(server):
+    with server.http() as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def ids(http):
+    """Two toruses and two spheres, by name."""
+    members = {
+        "ring-0": (small_mesh(0), "torus"), "ring-1": (small_mesh(1), "torus"),
+        "ball-0": (ply(sphere(subdivisions=1)), "sphere"), "ball-1": (ply(sphere(subdivisions=2)), "sphere"),
+    }  # fmt: skip
+    return {
+        name: stored(http, data, name=name, label=label, parameters=FEW)["id"]
+        for name, (data, label) in members.items()
+    }
+
+
+def ask(http, data: bytes, headers: dict[str, str] | None = None, **fields: str):
+    return http.post("/v1/queries", files={"file": ("q.ply", data)}, data={"parameters": FEW} | fields, headers=headers)
+
+
+def expected(server, data: bytes, **options) -> dict:
+    with Library(str(server.library)) as library:
+        return library.rank(compute_signature(read_mesh(data), Parameters(**OWN)), **options).as_dict()
+
+
+def test_a_query_that_prefers_to_wait_is_answered_in_place(server, http, ids):
+    data = small_mesh(3)
+    response = ask(http, data, {"Prefer": "respond-async, wait=30"}, measure="moments", k="2")
+    assert response.status_code == 200
+    assert response.json() == expected(server, data, measure="moments", k=2)
+    assert [match["name"] for match in response.json()["shapes"]] == ["ring-1", "ring-0"]
+    assert response.json()["classes"][0]["label"] == "torus"
+
+
+def test_a_query_that_does_not_wait_is_a_job_whose_result_is_the_ranking(server, http, ids):
+    data = small_mesh(4)
+    response = ask(http, data)
+    assert response.status_code == 202
+    assert response.json()["kind"] == "query"
+    job = ended(http, response)
+    assert (job["state"], job["shape_id"]) == ("succeeded", None)
+    assert job["result"] == expected(server, data)
+
+
+def test_a_query_that_takes_longer_than_it_waits_is_a_job(http, ids):
+    response = ask(http, endless_mesh(), {"Prefer": "wait=1"}, parameters=json.dumps(ENDLESS))
+    assert response.status_code == 202
+    cancelled = http.delete(response.headers["Location"]).json()
+    assert (cancelled["state"], cancelled["error"]["code"]) == ("cancelled", "job_cancelled")
+
+
+def test_a_query_is_not_kept(http, ids):
+    before = http.get("/v1/shapes", params={"limit": 500}).json()
+    ask(http, small_mesh(5), {"Prefer": "wait=30"}).raise_for_status()
+    assert http.get("/v1/shapes", params={"limit": 500}).json() == before
+    assert post_mesh(http, small_mesh(5), parameters=json.dumps({"samples": 36})).status_code == 202
+
+
+def test_a_query_with_a_bad_mesh_is_a_failed_job_even_when_waited_for(http):
+    response = ask(http, DAMAGED, {"Prefer": "wait=30"})
+    assert response.status_code == 202
+    assert (response.json()["state"], response.json()["error"]["code"]) == ("failed", "mesh_read")
+
+
+def test_a_stored_shape_is_ranked_without_itself(server, http, ids):
+    response = http.post("/v1/queries", json={"shape_id": ids["ring-0"], "measure": "distribution", "k": 3})
+    assert response.status_code == 200
+    with Library(str(server.library)) as library:
+        assert response.json() == library.rank(ids["ring-0"], measure="distribution", k=3).as_dict()
+    assert set(response.json()) == {"measure", "classes", "shapes", "known"}
+    assert response.json()["shapes"][0]["name"] == "ring-1"
+    assert ids["ring-0"] not in [match["id"] for match in response.json()["shapes"]]
+
+
+def test_parameters_nobody_used_find_nothing(http, ids):
+    response = ask(http, small_mesh(6), {"Prefer": "wait=30"}, parameters='{"samples": 35}')
+    assert response.json() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [({"k": "0"}, "k"), ({"k": "many"}, "k"), ({"k": "1001"}, "k"), ({"limit": "3"}, "limit")],
+)
+def test_a_wrong_form_field_is_named(http, fields, field):
+    response = ask(http, small_mesh(6), **fields)
+    assert response.status_code == 422
+    assert [item["field"] for item in response.json()["errors"]] == [f"body.{field}"]
+
+
+@pytest.mark.parametrize("fields", [{"measure": "volume"}, {"parameters": "{"}, {"parameters": '{"samples": 3}'}])
+def test_a_wrong_measure_or_parameters_are_refused_before_a_job_is_made(http, fields):
+    before = http.get("/v1/jobs", params={"limit": 1}).json()
+    response = ask(http, small_mesh(6), **fields)
+    assert (response.status_code, response.json()["code"]) == (422, "parameter_invalid")
+    assert http.get("/v1/jobs", params={"limit": 1}).json() == before
+
+
+@pytest.mark.parametrize(
+    "body", [{}, {"shape_id": ""}, {"shape_id": "x", "k": 0}, {"shape_id": "x", "more": 1}, [], {"shape_id": 5}]
+)
+def test_a_wrong_json_query_is_refused(http, body):
+    assert http.post("/v1/queries", json=body).status_code == 422
+
+
+def test_a_query_of_another_kind_or_without_a_file_is_refused(http):
+    assert http.post("/v1/queries", content=b"hello", headers={"Content-Type": "text/plain"}).status_code == 415
+    assert http.post("/v1/queries").status_code == 415
+    broken = http.post("/v1/queries", content=b"{", headers={"Content-Type": "application/json"})
+    assert (broken.status_code, broken.json()["code"]) == (422, "request_invalid")
+    without = http.post("/v1/queries", files={"other": ("x.ply", small_mesh(6))})
+    assert without.status_code == 422
+    field = http.post("/v1/queries", data={"k": "3"}, files={"measure": ("x", b"spectrum")})
+    assert field.status_code == 422
+
+
+def test_a_job_can_be_watched_listed_and_cancelled(http):
+    accepted = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS))
+    url = accepted.headers["Location"]
+    try:
+        end = time.monotonic() + 60
+        while (job := http.get(url).json())["stage"] not in {"sampling", "geodesics"}:
+            assert time.monotonic() < end, job
+            time.sleep(0.05)
+        assert (job["state"], job["position"], job["attempts"]) == ("running", None, 1)
+        assert 0 <= job["progress"] < 1
+        assert http.get(url, params={"wait": 0.2}).json()["state"] == "running"
+        assert job["id"] in [item["id"] for item in http.get("/v1/jobs", params={"state": "running"}).json()["items"]]
+        assert http.get("/v1/capacity").json()["running"] >= 1
+        again = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS))
+        assert (again.status_code, again.json()["id"]) == (202, job["id"])
+    finally:
+        cancelled = http.delete(url)
+    assert cancelled.status_code == 200
+    assert (cancelled.json()["state"], cancelled.json()["error"]["code"]) == ("cancelled", "job_cancelled")
+    assert http.delete(url).json() == cancelled.json() == http.get(url, params={"wait": 5}).json()
+
+
+def test_a_job_that_is_not_there_is_not_found(http):
+    nobody = f"/v1/jobs/{uuid.uuid4().hex}"
+    for response in (http.get(nobody), http.get(nobody, params={"wait": 1}), http.delete(nobody)):
+        assert (response.status_code, response.json()["code"]) == (404, "not_found")
+
+
+@pytest.mark.parametrize("wait", ["-1", "61", "soon", "nan"])
+def test_a_wait_out_of_range_is_refused(http, wait):
+    assert http.get("/v1/jobs/x", params={"wait": wait}).status_code == 422
+
+
+def test_health_and_capacity_are_told(http):
+    assert http.get("/v1/livez").json() == {"status": "ok"}
+    assert http.get("/v1/readyz").json() == {"status": "ok"}
+    capacity = http.get("/v1/capacity").json()
+    assert set(capacity) == {"workers", "running", "queued", "max_queued"}
+    assert capacity["workers"] == 2
+    assert capacity["max_queued"] == 10_000
+
+
+def test_classes_count_labelled_shapes(http, ids):
+    classes = {item["label"]: item["count"] for item in http.get("/v1/classes").json()["items"]}
+    assert classes["sphere"] >= 2
+    assert all(count > 0 for count in classes.values())
+    assert list(classes) == sorted(classes)
+
+
+def test_default_parameters_are_used_where_none_are_given(http):
+    shape = stored(http, small_mesh(7))
+    assert shape["parameters"] == Parameters().as_dict()

@@ -1,0 +1,313 @@
+"""Shapes over HTTP: upload, look, change, download, remove, on a real server."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import uuid
+
+import numpy as np
+import pytest
+
+from server import DAMAGED, SAMPLES, ended, post_mesh, small_mesh, stored
+from unbend import Parameters, compute_signature, geodesic_distances, read_mesh
+from unbend.matching.measures import MEASURES
+from unbend.mesh.shapes import sheet, tetrahedron
+
+FEW = json.dumps(SAMPLES)
+MEDIA_TYPES = {
+    "json": "application/json",
+    "ply": "application/vnd.ply",
+    "obj": "model/obj",
+    "off": "model/vnd.off",
+    "glb": "model/gltf-binary",
+    "npz": "application/vnd.numpy.npz",
+}
+RECORD = {
+    "id", "name", "label", "metadata", "sha256", "size", "parameters", "version", "area", "stress", "report",
+    "created_at",
+}  # fmt: skip
+JOB = {
+    "id", "kind", "state", "stage", "progress", "position", "attempts", "error", "shape_id", "result", "created_at",
+    "started_at", "finished_at",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def http(server):
+    with server.http() as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def ring(http):
+    """A stored torus."""
+    return stored(http, small_mesh(200), name="ring", label="torus", parameters=FEW)
+
+
+def test_an_upload_is_a_job_then_a_shape_and_the_second_time_the_shape(http):
+    label = uuid.uuid4().hex
+    fields = {"name": "ring", "label": label, "metadata": '{"n": [1, null]}', "parameters": FEW}
+    data = small_mesh(201)
+    response = post_mesh(http, data, **fields)
+    assert response.status_code == 202
+    accepted = response.json()
+    assert set(accepted) == JOB
+    assert response.headers["Location"] == f"/v1/jobs/{accepted['id']}"
+    assert (accepted["kind"], accepted["state"], accepted["shape_id"]) == ("shape", "queued", None)
+    job = ended(http, response)
+    assert set(job) == JOB
+    assert (job["state"], job["progress"], job["position"], job["error"]) == ("succeeded", 1.0, None, None)
+    shape = http.get(f"/v1/shapes/{job['shape_id']}").json()
+    assert set(shape) == RECORD
+    assert (shape["name"], shape["label"], shape["metadata"]) == ("ring", label, {"n": [1, None]})
+    assert (shape["size"], shape["parameters"]) == (len(data), Parameters(**SAMPLES).as_dict())
+    again = post_mesh(http, data, **fields)
+    assert again.status_code == 200
+    assert again.json() == shape
+
+
+def test_a_bad_mesh_is_a_failed_job_with_a_code_and_advice(http):
+    job = ended(http, post_mesh(http, DAMAGED + b"# over http", file_name="x.off"))
+    assert (job["state"], job["shape_id"], job["result"]) == ("failed", None, None)
+    assert set(job["error"]) == {"code", "message", "advice"}
+    assert job["error"]["code"] == "mesh_read"
+    assert "ends early" in job["error"]["message"]
+
+
+@pytest.mark.parametrize(
+    ("number", "file_name", "name"),
+    [
+        (300, "../../etc/passwd.off", "passwd"),
+        (301, "..\\..\\windows\\system.ini.off", "system.ini"),
+        (302, "/absolute/päth ☃.off", "päth ☃"),
+        (303, "quote's;.off", "quote's;"),
+        (304, "..", ".."),
+        (305, ".off", ".off"),
+    ],
+)
+def test_a_file_name_is_only_a_name(server, http, number, file_name, name):
+    shape = stored(http, small_mesh(number), file_name=file_name, parameters=FEW)
+    assert shape["name"] == name
+    assert {path.name for path in server.library.parent.iterdir()} <= {
+        "server.log", "library.db", "library.db-wal", "temporary", "library.db-shm",
+    }  # fmt: skip
+    download = http.get(f"/v1/shapes/{shape['id']}/mesh")
+    assert download.content == small_mesh(number)
+    plain = re.match(
+        r'attachment; filename="([^"]*)"; filename\*=UTF-8\'\'([^;"/\\]*)$', download.headers["content-disposition"]
+    )
+    assert plain
+    assert "/" not in plain[1]
+    assert "\\" not in plain[1]
+
+
+def test_pages_and_the_label_filter_hold_every_shape_once(http):
+    label = uuid.uuid4().hex
+    ids = [stored(http, small_mesh(210 + number), label=label, parameters=FEW)["id"] for number in range(5)]
+    seen, cursor = [], None
+    while True:
+        params = {"label": label, "limit": 2} | ({"cursor": cursor} if cursor else {})
+        page = http.get("/v1/shapes", params=params).raise_for_status().json()
+        assert set(page) == {"items", "next_cursor"}
+        assert len(page["items"]) <= 2
+        seen += [item["id"] for item in page["items"]]
+        cursor = page["next_cursor"]
+        if cursor is None:
+            break
+    assert sorted(seen) == sorted(ids)
+    assert len(seen) == 5
+    everything = http.get("/v1/shapes", params={"limit": 500}).json()["items"]
+    assert [item["id"] for item in everything if item["label"] == label] == seen
+    assert http.get("/v1/classes").json()["items"].count({"label": label, "count": 5}) == 1
+
+
+def test_name_label_and_metadata_can_be_changed(http):
+    shape = stored(http, small_mesh(220), name="a", label="b", metadata='{"c": 1}', parameters=FEW)
+    url = f"/v1/shapes/{shape['id']}"
+    changed = http.patch(url, json={"label": None, "metadata": {"d": 2}})
+    assert changed.status_code == 200
+    assert changed.json() == shape | {"label": None, "metadata": {"d": 2}}
+    assert http.get(url).json() == changed.json()
+    assert http.patch(url, json={}).json() == changed.json()
+    for wrong in ({"name": None}, {"name": ""}, {"label": "x" * 201}, {"sha256": "0"}, {"metadata": [1]}, [], "x"):
+        assert http.patch(url, json=wrong).status_code == 422, wrong
+    assert http.get(url).json() == changed.json()
+
+
+def test_a_removed_shape_is_gone_with_everything_of_it(http):
+    shape = stored(http, small_mesh(221), parameters=FEW)
+    url = f"/v1/shapes/{shape['id']}"
+    response = http.delete(url)
+    assert (response.status_code, response.content) == (204, b"")
+    for method, path in (
+        ("GET", ""), ("DELETE", ""), ("GET", "/mesh"), ("GET", "/mesh?format=off"), ("GET", "/signature"),
+        ("GET", "/descriptors"), ("GET", "/geodesics?source=0"),
+    ):  # fmt: skip
+        gone = http.request(method, url + path)
+        assert (gone.status_code, gone.json()["code"]) == (404, "not_found"), path
+    assert http.patch(url, json={"name": "x"}).status_code == 404
+    assert http.post("/v1/queries", json={"shape_id": shape["id"]}).status_code == 404
+    assert post_mesh(http, small_mesh(221), parameters=FEW).status_code == 202  # as new
+
+
+def test_a_mesh_comes_back_byte_for_byte(http, ring):
+    for headers in ({}, {"Accept": "*/*"}, {"Accept": "application/octet-stream"}, {"Accept": "application/vnd.ply"}):
+        response = http.get(f"/v1/shapes/{ring['id']}/mesh", headers=headers)
+        assert response.content == small_mesh(200)
+        assert response.headers["content-type"] == "application/vnd.ply"
+        assert response.headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize("file_type", ["ply", "obj", "off", "glb", "json", "npz"])
+def test_a_mesh_is_converted_by_format_and_by_accept(http, ring, file_type):
+    url = f"/v1/shapes/{ring['id']}/mesh"
+    by_format = http.get(url, params={"format": file_type})
+    by_accept = http.get(url, headers={"Accept": f"text/html, {MEDIA_TYPES[file_type]};q=0.9"})
+    for response in (by_format, by_accept):
+        assert response.status_code == 200
+        assert response.headers["content-type"] == MEDIA_TYPES[file_type]
+        assert response.headers["content-disposition"].startswith(f'attachment; filename="ring.{file_type}"')
+    if file_type != "npz":  # a zip file carries the time
+        assert by_accept.content == by_format.content
+    expected = read_mesh(small_mesh(200))
+    vertices, faces = arrays(by_format.content, file_type)
+    np.testing.assert_allclose(vertices, expected.vertices, atol=1e-6)
+    assert len(faces) == len(expected.faces)
+
+
+def arrays(data: bytes, file_type: str) -> tuple[np.ndarray, np.ndarray]:
+    if file_type == "json":
+        told = json.loads(data)
+        return np.array(told["vertices"]), np.array(told["faces"])
+    if file_type == "npz":
+        with np.load(io.BytesIO(data)) as file:
+            return file["vertices"], file["faces"]
+    surface = read_mesh(data)
+    return surface.vertices, surface.faces
+
+
+@pytest.mark.parametrize("part", ["mesh", "signature"])
+def test_a_format_we_do_not_have_is_not_acceptable(http, ring, part):
+    url = f"/v1/shapes/{ring['id']}/{part}"
+    for accept in ("text/html", "image/png, text/plain", "model/stl"):
+        response = http.get(url, headers={"Accept": accept})
+        assert (response.status_code, response.json()["status"]) == (406, 406), accept
+    assert http.get(url, params={"format": "step"}).status_code == 422
+
+
+def test_an_stl_comes_back_as_it_was_and_converts(http):
+    import trimesh
+
+    surface = tetrahedron(3.0)
+    data = trimesh.Trimesh(surface.vertices, surface.faces, process=False).export(file_type="stl")
+    shape = stored(http, data, file_name="x.stl", parameters=FEW)
+    url = f"/v1/shapes/{shape['id']}/mesh"
+    assert http.get(url).content == data
+    assert http.get(url).headers["content-type"] == "model/stl"
+    assert len(read_mesh(http.get(url, params={"format": "off"}).content).vertices) == 4
+
+
+def test_a_mesh_whose_format_only_its_name_tells_is_served_like_any_other(http):
+    facets = []
+    surface = tetrahedron()
+    for face in surface.faces:
+        corners = "\n".join(
+            "vertex " + " ".join(f"{value:.6f}" for value in surface.vertices[corner]) for corner in face
+        )
+        facets.append(f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet\n")
+    data = f"solid {'x' * 5000}\n{''.join(facets)}endsolid\n".encode()
+    shape = stored(http, data, file_name="long.stl", parameters=FEW)
+    assert http.get(f"/v1/shapes/{shape['id']}/mesh", params={"format": "off"}).status_code == 200
+    assert http.get(f"/v1/shapes/{shape['id']}/geodesics", params={"source": 0}).status_code == 200
+
+
+@pytest.mark.parametrize("file_type", MEDIA_TYPES)
+def test_a_signature_is_served_in_every_format(http, ring, file_type):
+    url = f"/v1/shapes/{ring['id']}/signature"
+    expected = compute_signature(read_mesh(small_mesh(200)), Parameters(**SAMPLES))
+    for response in (
+        http.get(url, params={"format": file_type}), http.get(url, headers={"Accept": MEDIA_TYPES[file_type]}),
+    ):  # fmt: skip
+        assert response.status_code == 200
+        assert response.headers["content-type"] == MEDIA_TYPES[file_type]
+        if file_type == "json":
+            points = response.json()["points"]
+            assert response.json()["parameters"] == expected.parameters.as_dict()
+        elif file_type == "npz":
+            with np.load(io.BytesIO(response.content)) as file:
+                points = file["points"]
+        else:
+            points = read_mesh(response.content).vertices
+        np.testing.assert_allclose(points, expected.points, atol=1e-6)
+    assert http.get(url).json()["samples"] == expected.samples.tolist()
+
+
+def test_descriptors_are_those_of_the_measures(http, ring):
+    told = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
+    expected = compute_signature(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).descriptors
+    assert set(told) == set(MEASURES)
+    for name, vector in told.items():
+        np.testing.assert_allclose(vector, expected[name], rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("update", ["spherical", "planar"])
+def test_geodesics_are_the_distances_from_a_vertex(http, ring, update):
+    url = f"/v1/shapes/{ring['id']}/geodesics"
+    told = http.get(url, params={"source": 7, "update": update}).json()
+    assert told["source"] == 7
+    expected = geodesic_distances(read_mesh(small_mesh(200)), 7, update=update)[0]
+    np.testing.assert_allclose(told["distances"], expected)
+    assert told["distances"][7] == 0
+
+
+def test_geodesics_that_cannot_reach_a_vertex_are_null(http):
+    surface = sheet(columns=3, rows=2)
+    corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]
+    faces = ["3 " + " ".join(map(str, face)) for face in surface.faces.tolist()]
+    data = "\n".join([f"OFF {len(corners)} {len(faces)} 0", *corners, *faces]).encode()
+    shape = stored(http, data, parameters=FEW)
+    url = f"/v1/shapes/{shape['id']}/geodesics"
+    distances = http.get(url, params={"source": 0}).json()["distances"]
+    assert len(distances) == len(corners)
+    assert distances[-1] is None
+    assert None not in distances[:-1]
+
+
+def test_geodesics_need_a_vertex_of_the_shape(http, ring):
+    url = f"/v1/shapes/{ring['id']}/geodesics"
+    for params in ({}, {"source": -1}, {"source": 60}, {"source": 2**40}, {"source": 0, "update": "straight"}):
+        assert http.get(url, params=params).status_code == 422, params
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    ['{"a": NaN}', '{"a": Infinity}', '{"a": 1e999}', '{"a": "\\ud800"}', '{"a":' * 60_000, "[" * 60_000],
+    ids=["nan", "infinity", "overflow", "half a character", "deep", "deep list"],
+)
+def test_metadata_that_json_cannot_give_back_is_refused_and_harms_no_other_shape(http, metadata):
+    response = post_mesh(http, small_mesh(230), metadata=metadata, parameters=FEW)
+    if response.status_code == 202:  # clean up, so that the tests after this one have a sound library
+        job = ended(http, response)
+        listed = http.get("/v1/shapes", params={"limit": 500}).status_code
+        http.delete(f"/v1/shapes/{job['shape_id']}")
+        assert listed == 200
+    assert response.status_code == 422, response.text
+
+
+@pytest.mark.parametrize(
+    "body", ['{"metadata": {"a": NaN}}', '{"metadata": {"a": Infinity}}', '{"metadata": {"a": "\\ud800"}}']
+)
+def test_a_change_to_metadata_that_json_cannot_give_back_is_refused(http, body):
+    shape = stored(http, small_mesh(231), parameters=FEW)
+    url = f"/v1/shapes/{shape['id']}"
+    response = http.patch(url, content=body, headers={"Content-Type": "application/json"})
+    if response.status_code != 422:
+        http.patch(url, json={"metadata": {}})
+    assert response.status_code == 422, response.text
+
+
+def test_a_name_from_a_file_has_the_same_limit_as_a_name_given(http):
+    shape = stored(http, small_mesh(232), file_name="x" * 300 + ".ply", parameters=FEW)
+    assert len(shape["name"]) <= 200

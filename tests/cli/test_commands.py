@@ -1,0 +1,365 @@
+"""The command line, as a process: what it prints, where, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from server import DAMAGED, SAMPLES, endless_mesh, ply, without_settings
+from unbend import Client, Library, Parameters, compare, compute_signature, read_mesh
+from unbend.matching.evaluate import leave_one_out
+from unbend.matching.measures import MEASURES, get_measure
+from unbend.mesh.shapes import cylinder, sheet, torus
+
+COMMANDS = {"serve", "signature", "compare", "import", "query", "evaluate", "openapi", "demo"}
+FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
+GRID = {"columns": 12, "rows": 6}
+MEMBERS = {
+    "sheets/flat.ply": sheet(**GRID), "sheets/rolled.ply": cylinder(**GRID), "sheets/shut.ply": cylinder(5.0, **GRID),
+    "rings/thin.ply": torus(minor=0.3, columns=12, rows=8), "rings/thick.ply": torus(minor=0.33, columns=12, rows=8),
+}  # fmt: skip
+
+
+def unbend(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "unbend", *map(str, arguments)],
+        capture_output=True, text=True, timeout=240, check=False, env=without_settings(**settings),
+    )  # fmt: skip
+
+
+def called(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
+    """The same in this process: for the many calls that would each spend seconds on loading."""
+    from unbend.cli import main
+
+    ours = {name: None for name in os.environ if name.startswith("UNBEND_")}
+    done = CliRunner(env=ours | settings).invoke(main, list(map(str, arguments)))
+    if done.exc_info and not isinstance(done.exception, SystemExit | None):
+        traceback.print_exception(*done.exc_info)
+        return subprocess.CompletedProcess(arguments, 1, done.stdout, f"Traceback: {done.exception!r}")
+    return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
+
+
+def succeeded(*arguments: object, run=unbend, **settings: str) -> subprocess.CompletedProcess[str]:
+    done = run(*arguments, **settings)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "\r" not in done.stderr  # no progress bar where there is no terminal
+    return done
+
+
+def failed_with_a_sentence(done: subprocess.CompletedProcess[str], *words: str, status: int = 1) -> None:
+    assert done.returncode == status, done.stderr
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    first = done.stderr.splitlines()[0] if status == 1 else done.stderr
+    for word in words:
+        assert word in first
+    if status == 1:
+        assert first.startswith("unbend: ")
+        assert len(done.stderr.splitlines()) <= 2  # the sentence and the advice
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Two classes in two folders, with labels."""
+    made = tmp_path_factory.mktemp("meshes")
+    lines = ["path,class,more"]
+    for name, surface in MEMBERS.items():
+        path = made / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(ply(surface))
+        lines.append(f"{name},{path.parent.name},ignored")
+    (made / "labels.csv").write_text("\n".join(lines) + "\n")
+    (made / "notes.txt").write_text("no mesh")
+    return made
+
+
+@pytest.fixture(scope="module")
+def library(folder, tmp_path_factory) -> str:
+    """A library that the folder was imported into."""
+    path = tmp_path_factory.mktemp("library") / "library.db"
+    done = succeeded("import", folder, "--labels", folder / "labels.csv", "--library", path)
+    assert done.stdout == "5 of 5 shapes imported\n"
+    return str(path)
+
+
+def test_help_lists_the_commands():
+    told = succeeded("--help").stdout
+    assert {line.split()[0] for line in told.split("Commands:")[1].splitlines() if line.strip()} == COMMANDS
+    assert succeeded("--version").stdout.strip() == "unbend, version 0.1.0"
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_has_help(command):
+    assert "Usage:" in succeeded(command, "--help", run=called).stdout
+
+
+@pytest.mark.parametrize("file_type", ["ply", "obj", "off", "glb", "npz", "json"])
+def test_a_signature_is_written_in_every_format(folder, tmp_path, file_type):
+    mesh, output = folder / "sheets/rolled.ply", tmp_path / f"out.{file_type.upper()}"
+    done = succeeded(
+        "signature", mesh, "-o", output, "--samples", 30, "--dimensions", 2, "--method", "classical", run=called
+    )
+    assert done.stdout == ""
+    assert "30 points in 2 dimensions" in done.stderr
+    expected = compute_signature(read_mesh(mesh), Parameters(samples=30, dimensions=2, method="classical")).points
+    if file_type == "json":
+        points = np.array(json.loads(output.read_text())["points"])
+    elif file_type == "npz":
+        with np.load(output) as arrays:
+            points = arrays["points"]
+    else:
+        points = read_mesh(output).vertices
+        assert (points[:, 2] == 0).all()
+    np.testing.assert_allclose(points[:, :2], expected, atol=1e-6)
+
+
+def test_a_signature_goes_to_standard_output_as_one_json_object(folder):
+    done = succeeded("signature", folder / "rings/thin.ply", "--samples", 20)
+    assert json.loads(done.stdout)["parameters"] == Parameters(samples=20).as_dict()
+    assert done.stderr == ""
+
+
+def test_what_was_repaired_is_said_on_standard_error(tmp_path):
+    surface = sheet(columns=3, rows=2)
+    corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]
+    faces = ["3 " + " ".join(map(str, face)) for face in surface.faces.tolist()]
+    (tmp_path / "x.off").write_text("\n".join([f"OFF {len(corners)} {len(faces)} 0", *corners, *faces]))
+    done = succeeded("signature", tmp_path / "x.off", run=called)
+    assert done.stderr.startswith("x.off: ")
+    json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("measure", [None, "moments"])
+def test_compare_prints_the_distance(folder, measure):
+    a, b = folder / "sheets/flat.ply", folder / "rings/thin.ply"
+    options = ["--measure", measure] if measure else []
+    told = float(succeeded("compare", a, b, *options, run=called).stdout)
+    expected = compare(*(compute_signature(read_mesh(path)) for path in (a, b)), measure or "spectrum")
+    assert told == pytest.approx(expected, rel=1e-5)
+    assert float(succeeded("compare", a, a, *options, run=called).stdout) == 0
+
+
+def test_an_import_with_labels_stores_every_file_with_its_class(library):
+    with Library(library) as opened:
+        assert opened.labels() == {"sheets": 3, "rings": 2}
+        assert [shape.name for shape in opened.page().items] == [Path(name).stem for name in MEMBERS]
+
+
+def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder, tmp_path):
+    for name in MEMBERS:
+        (tmp_path / "in" / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / "in" / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "in/rings/broken.off").write_bytes(DAMAGED)
+    (tmp_path / "in/rings/folder.off").mkdir()  # named like a mesh, but none
+    done = unbend("import", tmp_path / "in", "--label-from", "folder", "--library", tmp_path / "library.db")
+    assert done.returncode == 3, done.stderr
+    assert done.stdout == "5 of 6 shapes imported\n"
+    assert done.stderr.count("\n") == 1
+    assert str(tmp_path / "in/rings/broken.off") in done.stderr
+    assert "ends early" in done.stderr
+    with Library(str(tmp_path / "library.db")) as opened:
+        assert opened.labels() == {"sheets": 3, "rings": 2}
+
+
+def test_an_import_again_stores_nothing_twice(folder, library):
+    assert succeeded("import", folder, "--library", library, run=called).stdout == "5 of 5 shapes imported\n"
+    with Library(library) as opened:
+        assert len(opened) == 5
+        assert opened.labels() == {"sheets": 3, "rings": 2}
+
+
+def test_the_library_can_be_named_by_the_environment(folder, library):
+    told = succeeded("query", folder / "sheets/flat.ply", "--json", UNBEND_LIBRARY=library, run=called).stdout
+    assert len(json.loads(told)["shapes"]) == 5
+
+
+def test_an_import_over_http_stores_the_good_files_and_names_the_bad(folder, tmp_path, small_server):
+    for name in MEMBERS:
+        (tmp_path / "in" / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / "in" / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "in/aaa.off").write_bytes(DAMAGED)
+    (tmp_path / "in/bbb.ply").write_bytes(endless_mesh())  # too large for this server
+    done = unbend("import", tmp_path / "in", "--label-from", "folder", "--url", small_server.url)
+    assert done.returncode == 3, done.stderr
+    assert done.stdout == "5 of 7 shapes imported\n"
+    assert len(done.stderr.splitlines()) == 2
+    assert "aaa.off: " in done.stderr
+    assert "bbb.ply: " in done.stderr
+    with Client(small_server.url) as client:
+        classes = client.classes()
+        assert (classes["sheets"], classes["rings"]) == (3, 2)
+
+
+def test_a_query_shows_classes_and_shapes_and_the_same_from_a_library_and_a_service(folder, tmp_path, library, server):
+    query = tmp_path / "query.ply"
+    query.write_bytes(ply(cylinder(4.0, **GRID)))
+    told = json.loads(succeeded("query", query, "--library", library, "--json", "-k", 2, "--measure", "moments").stdout)
+    with Library(library) as opened:
+        assert told == opened.rank(compute_signature(read_mesh(query)), measure="moments", k=2).as_dict()
+    table = succeeded("query", query, "--library", library, "-k", 2, run=called).stdout
+    assert table.splitlines()[1].split()[0] == "sheets"
+    assert len(table.split("\n\n")[1].splitlines()) == 3
+    with Library(str(server.library)) as opened, Client(server.url) as client:
+        for path in (folder / name for name in MEMBERS):
+            client.submit(path, label=path.parent.name).result(60)
+        expected = opened.rank(compute_signature(read_mesh(query)), k=3).as_dict()
+    assert json.loads(succeeded("query", query, "--url", server.url, "--json", "-k", 3).stdout) == expected
+
+
+def test_a_query_of_an_empty_library_says_so(folder, tmp_path):
+    done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=called)
+    assert "nothing to compare with" in done.stdout
+
+
+def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folder):
+    done = succeeded("evaluate", folder, "--labels", folder / "labels.csv", "--json", "--samples", 40)
+    told = json.loads(done.stdout)
+    assert set(told) == set(MEASURES)
+    signatures = [compute_signature(surface, Parameters(**SAMPLES)) for surface in MEMBERS.values()]
+    labels = [name.split("/")[0] for name in MEMBERS]
+    for name, figures in told.items():
+        assert set(figures) == FIGURES
+        vectors = np.stack([signature.descriptors[name] for signature in signatures])
+        assert figures == pytest.approx(vars(leave_one_out(get_measure(name).matrix(vectors), labels)))
+    assert told["spectrum"]["nn"] == 1.0
+    assert done.stderr == ""
+
+
+def test_evaluation_against_a_gallery_counts_the_right_nearest_classes(folder, tmp_path):
+    (tmp_path / "queries.csv").write_text(
+        "class,path\nsheets,sheets/rolled.ply\nsheets,rings/thin.ply\nrings,bad.off\n"
+    )
+    (tmp_path / "gallery.csv").write_text("path,class\nsheets/flat.ply,sheets\nrings/thick.ply,rings\n")
+    (folder / "bad.off").write_bytes(DAMAGED)
+    try:
+        done = unbend(
+            "evaluate", folder, "--labels", tmp_path / "queries.csv", "--gallery", tmp_path / "gallery.csv",
+            "--json", "--measure", "spectrum", "--measure", "moments",
+        )  # fmt: skip
+    finally:
+        (folder / "bad.off").unlink()
+    assert done.returncode == 0
+    third = {"accuracy": pytest.approx(1 / 3)}
+    assert json.loads(done.stdout) == {"spectrum": third, "moments": third}
+    assert done.stderr.startswith(f"{folder / 'bad.off'}: ")
+
+
+def test_evaluation_shows_a_table_of_the_measures_picked(folder):
+    lines = succeeded(
+        "evaluate", folder, "--labels", folder / "labels.csv", "--measure", "moments", run=called
+    ).stdout.splitlines()
+    assert lines[0].split() == ["measure", "nn", "ft", "st", "e", "dcg", "map"]
+    assert [line.split()[0] for line in lines[1:]] == ["moments"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("path,label\nsheets/flat.ply,a\n", ["'class'"]),
+        ("file,class\nsheets/flat.ply,a\n", ["'path'"]),
+        ("", ["no column"]),
+        ("path,class\n", ["no rows"]),
+        ("path,class\nsheets/flat.ply,\n", ["line 2", "empty"]),
+        ("path,class\nsheets/flat.ply,a\nnowhere.ply,b\n", ["line 3", "nowhere.ply"]),
+        ("path,class\nsheets/flat.ply,caf\udce9\n", []),
+        ("path,class\n" + "x" * 200_000 + ",a\n", []),
+    ],
+    ids=["no class", "no path", "empty", "no rows", "no label", "no file", "not UTF-8", "long field"],
+)
+@pytest.mark.parametrize("command", ["evaluate", "import"])
+def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_path, command, text, words):
+    labels = tmp_path / "labels.csv"
+    labels.write_bytes(text.encode(errors="surrogateescape"))
+    library = ["--library", tmp_path / "library.db"] if command == "import" else []
+    failed_with_a_sentence(called(command, folder, "--labels", labels, *library), "labels.csv", *words)
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("signature {new}/bad.off", ["ends early"]),
+        ("signature {closed} -o {new}/x.step", ["step"]),
+        ("signature {closed} -o {new}/nowhere/x.ply", ["nowhere"]),
+        ("signature {closed} --samples 3", ["samples"]),
+        ("compare {mesh} {mesh} --measure volume", ["volume"]),
+        ("evaluate {folder} --labels {folder}/labels.csv --measure volume", ["volume"]),
+        ("query {mesh} --library {new}/nowhere/a.db", ["cannot be opened"]),
+        ("query {mesh} --library {new}/letter.db", ["cannot be opened"]),
+        ("query {mesh} --library nosuchdatabase://host/x", ["nosuchdatabase"]),
+        ("query {mesh} --url http://127.0.0.1:9", ["could not be reached"]),
+        ("query {mesh} --url http://host:port", ["port"]),
+        ("import {folder} --url http://127.0.0.1:9", ["could not be reached"]),
+        ("import {new}/empty --library {new}/a.db", ["no file"]),
+    ],
+)
+def test_what_cannot_be_done_is_one_clear_line(folder, tmp_path, command, words):
+    (tmp_path / "bad.off").write_bytes(DAMAGED)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "letter.db").write_bytes(b"no database " * 200)
+    names = {"mesh": folder / "sheets/flat.ply", "closed": folder / "rings/thin.ply", "folder": folder, "new": tmp_path}
+    failed_with_a_sentence(called(*(part.format(**names) for part in command.split())), *words)
+
+
+def test_an_error_is_one_clear_line_of_a_process_too(tmp_path):
+    (tmp_path / "bad.off").write_bytes(DAMAGED)
+    failed_with_a_sentence(unbend("signature", tmp_path / "bad.off"), "ends early")
+
+
+def test_wrong_usage_has_a_status_of_its_own(folder, tmp_path):
+    failed_with_a_sentence(called("signature", tmp_path / "none.ply"), "none.ply", status=2)
+    both = called("import", folder, "--labels", folder / "labels.csv", "--label-from", "folder")
+    failed_with_a_sentence(both, "exclude each other", status=2)
+
+
+@pytest.mark.parametrize("name", ["UNBEND_WORKERS", "UNBEND_MAX_QUEUED", "UNBEND_JOB_SECONDS"])
+def test_a_server_with_a_wrong_setting_does_not_start_and_names_it(name):
+    done = called("serve", "--port", 0, **{name: "-1"})
+    assert done.returncode == 1
+    assert name in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_server_whose_library_cannot_be_opened_ends_with_a_sentence(tmp_path):
+    done = unbend("serve", "--port", 0, "--library", tmp_path / "nowhere/a.db")
+    assert done.returncode not in {0, None}
+    assert "cannot be opened" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_openapi_document_is_printed_and_written(tmp_path):
+    committed = (Path(__file__).parents[2] / "openapi/openapi.json").read_text()
+    assert succeeded("openapi", UNBEND_MAX_QUEUED="7").stdout == committed
+    assert succeeded("openapi", "-o", tmp_path / "o.json", run=called).stdout == ""
+    assert (tmp_path / "o.json").read_text() == committed
+
+
+def test_the_demo_is_written_with_labels_that_evaluate_reads(tmp_path):
+    done = succeeded("demo", "--write", tmp_path / "demo", run=called)
+    lines = (tmp_path / "demo/labels.csv").read_text().splitlines()
+    assert lines[0] == "path,class"
+    assert done.stdout.startswith(f"{len(lines) - 1} demo shapes")
+    names = {line.split(",")[0] for line in lines[1:]}
+    assert {path.name for path in (tmp_path / "demo").glob("*.ply")} == names
+    assert read_mesh(tmp_path / "demo" / min(names)).area > 0
+
+
+def test_progress_is_shown_on_a_terminal_and_standard_output_stays_clean(folder, tmp_path):
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "unbend", "import", str(folder), "--library", str(tmp_path / "a.db")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, env=without_settings()) as process:
+        os.close(theirs)
+        assert process.stdout
+        assert process.stdout.read() == b"5 of 5 shapes imported\n"
+    assert b"importing" in os.read(ours, 100_000)
+    os.close(ours)
+    assert process.returncode == 0

@@ -1,0 +1,265 @@
+"""The two clients against a real server; a story told to one holds for the other."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import json
+import threading
+import time
+import uuid
+
+import pytest
+
+from server import DAMAGED, ENDLESS, SAMPLES, endless_mesh, post_mesh, slow_mesh, small_mesh
+from unbend import AsyncClient, Client, Library, Parameters, compute_signature, read_mesh
+from unbend.errors import (
+    JobCancelledError,
+    MeshGeometryError,
+    MeshReadError,
+    NotFoundError,
+    ServiceError,
+)
+
+PATIENCE = 120.0
+
+
+class Blocking:
+    """An async client, or job, whose calls are waited for: so that one test speaks to both kinds."""
+
+    def __init__(self, target: object, run) -> None:
+        self._target = target
+        self._run = run
+
+    def __getattr__(self, name: str):
+        value = getattr(self._target, name)
+        if not callable(value):
+            return value
+
+        def call(*arguments, **options):
+            answer = value(*arguments, **options)
+            if inspect.isasyncgen(answer):
+                return self._run(listed(answer))
+            answer = self._run(answer)
+            return Blocking(answer, self._run) if hasattr(answer, "wait") else answer
+
+        return call
+
+
+async def listed(items) -> list:
+    return [item async for item in items]
+
+
+def make_client(kind: str, url: str):
+    """A client of either kind, and what closes it."""
+    if kind == "sync":
+        client = Client(url)
+        return client, client.close
+    loop = asyncio.Runner()
+    client = AsyncClient(url)
+
+    def close() -> None:
+        loop.run(client.close())
+        loop.close()
+
+    return Blocking(client, loop.run), close
+
+
+@pytest.fixture(params=["sync", "async"])
+def kind(request) -> str:
+    return request.param
+
+
+@pytest.fixture
+def client(kind, server):
+    made, close = make_client(kind, server.url)
+    yield made
+    close()
+
+
+@pytest.fixture
+def mesh(kind):
+    """Meshes that no other test, and no other kind of client, sends."""
+    base = {"sync": 400, "async": 450}[kind]
+    return lambda number: small_mesh(base + number)
+
+
+def test_a_submitted_mesh_becomes_a_shape(client, mesh, tmp_path):
+    path = tmp_path / "my ring.ply"
+    path.write_bytes(mesh(0))
+    job = client.submit(path, label="torus", metadata={"n": 1}, parameters=SAMPLES)
+    assert job.status()["state"] in {"queued", "running", "succeeded"}
+    ended = job.wait(PATIENCE)
+    assert (ended["id"], ended["state"]) == (job.id, "succeeded")
+    assert job.status() == ended
+    shape = job.result()
+    assert (shape["name"], shape["label"], shape["metadata"]) == ("my ring", "torus", {"n": 1})
+    assert client.shape(shape["id"]) == shape
+    expected = compute_signature(read_mesh(mesh(0)), Parameters(**SAMPLES))
+    assert client.signature(shape["id"])["points"] == expected.points.tolist()
+    assert client.job(job.id).result(PATIENCE) == shape
+
+
+def test_a_mesh_that_is_stored_is_the_result_at_once(client, mesh):
+    shape = client.submit(mesh(1), name="first", parameters=SAMPLES).result(PATIENCE)
+    again = client.submit(mesh(1), name="second", parameters=SAMPLES)
+    assert again.status()["state"] == "succeeded"
+    assert again.wait(0)["shape_id"] == shape["id"]
+    assert again.result(0) == shape
+
+
+def test_a_mesh_that_is_stored_can_be_cancelled_without_harm(client, mesh):
+    shape = client.submit(mesh(1), parameters=SAMPLES).result(PATIENCE)
+    again = client.submit(mesh(1), parameters=SAMPLES)
+    assert again.cancel()["state"] == "succeeded"
+    assert again.result() == shape
+
+
+def test_a_failed_job_raises_the_error_that_reading_would(client):
+    with pytest.raises(MeshReadError, match="ends early"):
+        client.submit(DAMAGED).result(PATIENCE)
+    with pytest.raises(MeshGeometryError):
+        client.submit(b"OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n").result(PATIENCE)
+    with pytest.raises(MeshReadError, match="ends early"):
+        client.query(DAMAGED, timeout=PATIENCE)
+
+
+def test_waiting_ends_with_a_timeout_and_a_cancelled_job_says_so(client, kind):
+    job = client.submit(endless_mesh(), parameters=ENDLESS | {"dimensions": {"sync": 4, "async": 5}[kind]})
+    try:
+        for patience in (0.0, 0.5):
+            with pytest.raises(TimeoutError):
+                job.wait(patience)
+        with pytest.raises(TimeoutError):
+            job.result(0.1)
+        assert job.status()["state"] in {"queued", "running"}
+    finally:
+        cancelled = job.cancel()
+    assert cancelled["state"] == "cancelled"
+    assert job.status() == cancelled
+    with pytest.raises(JobCancelledError):
+        job.result()
+
+
+def test_a_refused_request_is_a_service_error_with_the_problem(client):
+    with pytest.raises(ServiceError, match="samples") as caught:
+        client.submit(small_mesh(0), parameters={"samples": 1})
+    assert caught.value.status == 422
+    assert caught.value.problem["code"] == "parameter_invalid"
+    with pytest.raises(ServiceError) as caught:
+        client.submit(b"no mesh")
+    assert (caught.value.status, caught.value.problem["code"]) == (415, "mesh_format")
+
+
+def test_what_is_not_there_is_not_found(client):
+    nobody = uuid.uuid4().hex
+    for call in (client.shape, client.job, client.remove, client.signature, client.query_shape, client.change):
+        with pytest.raises(NotFoundError, match=nobody):
+            call(nobody)
+
+
+def test_a_shape_can_be_changed_and_removed(client, mesh):
+    shape = client.submit(mesh(2), parameters=SAMPLES).result(PATIENCE)
+    changed = client.change(shape["id"], name="x", label=None)
+    assert changed == shape | {"name": "x", "label": None}
+    client.remove(shape["id"])
+    with pytest.raises(NotFoundError):
+        client.shape(shape["id"])
+
+
+def test_queries_rank_the_shapes_of_their_parameters(client, mesh, kind):
+    own = {"samples": {"sync": 33, "async": 34}[kind]}
+    ids = [client.submit(mesh(number), label="ring", parameters=own).result(PATIENCE)["id"] for number in (3, 5)]
+    ranking = client.query(mesh(3), k=1, measure="moments", parameters=own)
+    assert (ranking["measure"], ranking["classes"][0]["label"]) == ("moments", "ring")
+    assert [(match["id"], match["distance"]) for match in ranking["shapes"]] == [(ids[0], 0.0)]
+    assert [match["id"] for match in client.query_shape(ids[0])["shapes"]] == [ids[1]]
+
+
+def test_all_pages_are_walked(client, mesh, server, kind):
+    label = uuid.uuid4().hex
+    ids = [client.submit(mesh(number), label=label, parameters=SAMPLES).result(PATIENCE)["id"] for number in (6, 7, 8)]
+    assert [shape["id"] for shape in client.shapes(label=label)] == ids
+    assert client.classes()[label] == 3
+    everything = [shape["id"] for shape in client.shapes()]
+    assert set(ids) <= set(everything)
+    assert len(everything) == len(set(everything))
+    assert list(client.shapes(label="nobody's")) == []
+
+
+def test_a_service_that_is_not_there_cannot_be_reached(kind):
+    made, close = make_client(kind, "http://127.0.0.1:9")
+    with pytest.raises(ServiceError, match="could not be reached") as caught:
+        made.classes()
+    assert caught.value.status is None
+    close()
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:8000", "ftp://127.0.0.1", "http://host:port", ""])
+def test_an_address_that_is_none_is_a_service_error(kind, address):
+    def call() -> None:
+        made, close = make_client(kind, address)
+        try:
+            made.classes()
+        finally:
+            close()
+
+    with pytest.raises(ServiceError):
+        call()
+
+
+def test_clients_close_themselves(server):
+    with Client(server.url) as client:
+        client.classes()
+    with pytest.raises(RuntimeError, match="closed"):
+        client.classes()
+
+    async def story() -> None:
+        async with AsyncClient(server.url) as client:
+            await client.classes()
+        with pytest.raises(RuntimeError, match="closed"):
+            await client.classes()
+
+    asyncio.run(story())
+
+
+def test_more_shapes_than_a_page_holds_are_all_yielded_in_order(client, server):
+    label = uuid.uuid4().hex
+    with Library(str(server.library)) as library:  # beside the running service, for it is quicker
+        for number in range(120):
+            record = library.add(small_mesh(number), parameters=Parameters(samples=4))
+            library.change(record.id, {"label": label, "name": str(number)})
+    assert [shape["name"] for shape in client.shapes(label=label)] == [str(number) for number in range(120)]
+
+
+def test_an_upload_waits_while_the_service_is_full(small_server, kind):
+    made, close = make_client(kind, small_server.url)
+    base = {"sync": 70, "async": 80}[kind]
+    blocking = []
+    with Client(small_server.url) as other, small_server.http() as http:
+
+        def make_room() -> None:
+            for job in blocking:
+                job.cancel()
+
+        later = threading.Timer(0.5, make_room)
+        try:
+            for samples in (3000, 3001):
+                blocking.append(other.submit(slow_mesh(), parameters={"samples": samples + base}))
+                until_running(blocking[-1])
+            blocking.append(other.submit(small_mesh(base), parameters=SAMPLES))
+            assert post_mesh(http, small_mesh(base + 1), parameters=json.dumps(SAMPLES)).status_code == 429
+            later.start()
+            shape = made.submit(small_mesh(base + 2), name="patient", parameters=SAMPLES).result(PATIENCE)
+            later.join()
+        finally:
+            make_room()
+            close()
+    assert shape["name"] == "patient"
+
+
+def until_running(job) -> None:
+    end = time.monotonic() + 60
+    while job.status()["state"] == "queued":
+        assert time.monotonic() < end
+        time.sleep(0.02)

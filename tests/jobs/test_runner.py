@@ -1,0 +1,500 @@
+"""The job runner: real processes that compute, fail, are stopped and are killed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sqlite3
+import tempfile
+import time
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from server import DAMAGED, children, endless_mesh, medium_mesh, ply, small_mesh
+from unbend import Library, Parameters, compute_signature, read_mesh
+from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
+from unbend.jobs import JobLimits, JobRunner, Upload
+from unbend.jobs.worker import StoredMesh, convert, distances_from
+from unbend.library.records import JobRecord, ShapeRecord
+from unbend.mesh.shapes import sphere, torus
+
+FEW = Parameters(samples=40)
+MANY = Parameters(samples=2000)
+PATIENCE = 120.0
+"""Seconds that nothing here comes near, unless it hangs."""
+
+ENDLESS = endless_mesh()
+LIMITS = JobLimits(drain_seconds=0.0)
+
+
+async def submit(
+    runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object
+) -> JobRecord | ShapeRecord:
+    request = {"name": "a mesh", "label": None, "metadata": {}} | details
+    return await runner.submit("shape", Upload(data, "ply", parameters), request)
+
+
+async def queue(runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object) -> str:
+    """Submit a shape that is not there yet; return its job's id."""
+    job = await submit(runner, data, parameters, **details)
+    assert isinstance(job, JobRecord)
+    return job.id
+
+
+async def end(runner: JobRunner, job_id: str) -> JobRecord:
+    job = await runner.wait(job_id, PATIENCE)
+    assert job.finished, job
+    return job
+
+
+async def until(runner: JobRunner, job_id: str, reached: Callable[[JobRecord], bool]) -> JobRecord:
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            job = await runner.status(job_id)
+            if reached(job):
+                return job
+            assert not job.finished, job
+            await asyncio.sleep(0.02)
+
+
+def computing(job: JobRecord) -> bool:
+    return job.state == "running" and job.stage in {"sampling", "geodesics", "embedding"}
+
+
+async def until_true(reached: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE):
+        while not reached():
+            await asyncio.sleep(0.02)
+
+
+def rows(library: Library, table: str) -> int:
+    connection = sqlite3.connect(library.store.url.removeprefix("sqlite:///"))
+    try:
+        return connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0]  # noqa: S608
+    finally:
+        connection.close()
+
+
+def workers(besides: list[int] | tuple[int, ...] = ()) -> list[int]:
+    """The worker processes of this process' runners, without some that were there before."""
+    return [pid for pid in children(os.getpid()) if pid not in besides]
+
+
+@pytest.fixture
+def library(tmp_path):
+    with Library(str(tmp_path / "library.db")) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """An event loop that stands still between the tests and goes on in the next."""
+    with asyncio.Runner() as runner:
+        yield runner.run
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory, loop):
+    """A runner with one worker, for tests that leave it idle."""
+    with Library(str(tmp_path_factory.mktemp("jobs") / "library.db")) as opened:
+        runner = JobRunner(opened, workers=1, limits=LIMITS)
+        loop(runner.start())
+        yield runner, opened
+        loop(runner.stop())
+
+
+def run_with(library: Library, limits: JobLimits, story: Callable[[JobRunner], Awaitable[None]]) -> None:
+    """Start a runner with one worker of its own, do something with it, and stop it."""
+
+    async def whole() -> None:
+        runner = JobRunner(library, workers=1, limits=limits)
+        await runner.start()
+        try:
+            await story(runner)
+        finally:
+            async with asyncio.timeout(PATIENCE):
+                await runner.stop()
+
+    asyncio.run(whole())
+
+
+def test_a_job_becomes_a_shape_equal_to_one_added_directly(shared, loop):
+    runner, library = shared
+    data = ply(torus(columns=12, rows=9))
+
+    async def story() -> JobRecord:
+        return await end(runner, await queue(runner, data, name="ring", label="torus", metadata={"n": 1}))
+
+    job = loop(story())
+    assert (job.state, job.stage, job.progress, job.attempts, job.error) == ("succeeded", "done", 1.0, 1, None)
+    assert job.created_at <= job.started_at <= job.finished_at
+    shape = library.get(job.shape_id)
+    assert (shape.name, shape.label, shape.metadata) == ("ring", "torus", {"n": 1})
+    assert library.mesh(shape.id) == data
+    expected = compute_signature(read_mesh(data), FEW)
+    assert (library.signature(shape.id).points == expected.points).all()
+
+
+def test_the_runner_becomes_ready_and_is_alive(shared, loop):
+    runner, _ = shared
+
+    async def story() -> None:
+        await until_true(lambda: runner.ready)
+
+    loop(story())
+    assert runner.alive
+    assert runner.running == 0
+
+
+def test_a_stored_mesh_is_answered_with_its_shape(shared, loop):
+    runner, library = shared
+    shape = library.add(small_mesh(1), parameters=FEW)
+    assert loop(submit(runner, small_mesh(1))) == shape
+
+
+@pytest.mark.parametrize(
+    ("data", "code", "says"),
+    [
+        (DAMAGED, "mesh_read", "ends early"),
+        (b"ply\nnonsense", "mesh_read", "damaged"),
+        (b"OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n", "mesh_geometry", ""),
+    ],
+    ids=["cut short", "nonsense", "without area"],
+)
+def test_a_bad_mesh_fails_with_its_code_and_the_queue_goes_on(shared, loop, data, code, says):
+    runner, library = shared
+    before = rows(library, "meshes")
+
+    async def story() -> tuple[JobRecord, JobRecord]:
+        bad = await queue(runner, data)
+        good = await queue(runner, small_mesh(100 + len(data)))
+        return await end(runner, bad), await end(runner, good)
+
+    bad, good = loop(story())
+    assert (bad.state, bad.attempts, bad.shape_id) == ("failed", 1, None)
+    assert bad.error["code"] == code
+    assert says in bad.error["message"]
+    assert bad.error["advice"]
+    assert good.state == "succeeded"
+    assert rows(library, "meshes") == before + 1  # a mesh that failed is not kept
+
+
+def test_the_same_mesh_sent_many_times_at_once_is_computed_once(shared, loop):
+    runner, library = shared
+    data = medium_mesh()
+
+    async def story() -> set[str]:
+        answers = await asyncio.gather(*(submit(runner, data) for _ in range(12)))
+        other = await queue(runner, data, Parameters(samples=41))
+        jobs = {answer.id for answer in answers}
+        assert other not in jobs
+        (job_id,) = jobs
+        shape_id = (await end(runner, job_id)).shape_id
+        assert (await submit(runner, data)).id == shape_id
+        assert (await end(runner, other)).shape_id != shape_id
+        return jobs
+
+    before = len(library)
+    assert len(loop(story())) == 1
+    assert len(library) == before + 2
+
+
+def test_a_query_gives_a_ranking_and_leaves_no_mesh(shared, loop):
+    runner, library = shared
+    library.add(small_mesh(2), label="torus", name="near", parameters=FEW)
+    library.add(ply(sphere(subdivisions=1)), label="sphere", name="far", parameters=FEW)
+    data = small_mesh(3)
+    before = (rows(library, "meshes"), len(library))
+
+    async def story() -> JobRecord:
+        job = await runner.submit("query", Upload(data, "ply", FEW), {"measure": "moments", "k": 1})
+        return await end(runner, job.id)
+
+    job = loop(story())
+    expected = library.rank(compute_signature(read_mesh(data), FEW), measure="moments", k=1).as_dict()
+    assert (job.state, job.shape_id, job.result) == ("succeeded", None, expected)
+    assert len(job.result["shapes"]) == 1
+    assert (rows(library, "meshes"), len(library)) == before
+
+
+def test_a_query_with_a_stored_mesh_finds_it_and_leaves_it(shared, loop):
+    runner, library = shared
+    shape = library.add(small_mesh(4), parameters=FEW)
+
+    async def story() -> JobRecord:
+        job = await runner.submit("query", Upload(small_mesh(4), "ply", FEW), {"measure": "spectrum", "k": 1})
+        return await end(runner, job.id)
+
+    assert loop(story()).result["shapes"][0] == {"id": shape.id, "name": shape.name, "label": None, "distance": 0.0}
+    assert library.mesh(shape.id) == small_mesh(4)
+
+
+def test_progress_moves_through_the_stages(shared, loop):
+    runner, _ = shared
+
+    async def story() -> list[tuple[str, float]]:
+        job_id = await queue(runner, ply(torus(columns=82, rows=60)), Parameters(samples=300))
+        seen = []
+
+        def look(job: JobRecord) -> bool:
+            seen.append((job.stage, job.progress))
+            return job.finished
+
+        await until(runner, job_id, look)
+        return seen
+
+    seen = loop(story())
+    stages = list(dict.fromkeys(stage for stage, _ in seen))
+    order = ["queued", "starting", "reading", "sampling", "geodesics", "embedding", "describing", "done"]
+    assert [stage for stage in order if stage in stages] == stages
+    assert "geodesics" in stages
+    shares = [share for _, share in seen]
+    assert shares == sorted(shares)
+    assert len(set(shares)) > 5
+    assert shares[-1] == 1.0
+
+
+def test_cancelling_stops_a_running_job_and_drops_a_queued_one(shared, loop):
+    runner, library = shared
+    before = rows(library, "meshes")
+
+    async def story() -> None:
+        running = await queue(runner, ENDLESS, MANY)
+        waiting = [await queue(runner, small_mesh(30 + number)) for number in range(4)]
+        await until(runner, running, computing)
+        assert [(await runner.status(job_id)).state for job_id in waiting[-2:]] == ["queued", "queued"]
+        assert await runner.position(await runner.status(waiting[-1])) == await runner.queued() - 1
+        last = await runner.cancel(waiting[-1])
+        assert (last.state, last.attempts, last.error["code"]) == ("cancelled", 0, "job_cancelled")
+        first = await runner.cancel(running)
+        assert (first.state, first.attempts, first.error["code"]) == ("cancelled", 1, "job_cancelled")
+        for job_id in waiting[:-1]:
+            assert (await end(runner, job_id)).state == "succeeded"
+        assert await runner.cancel(waiting[0]) == await runner.status(waiting[0])
+        assert (await runner.status(running)).state == "cancelled"
+
+    loop(story())
+    assert rows(library, "meshes") == before + 3
+
+
+def test_waiting_for_a_job_ends_when_it_is_cancelled_or_time_is_up(shared, loop):
+    runner, _ = shared
+
+    async def story() -> None:
+        job_id = await queue(runner, ENDLESS, MANY)
+        await until(runner, job_id, computing)
+        assert (await runner.wait(job_id, 0.05)).state == "running"
+        waiting = [asyncio.create_task(runner.wait(job_id, PATIENCE)) for _ in range(3)]
+        await asyncio.sleep(0)
+        await runner.cancel(job_id)
+        async with asyncio.timeout(PATIENCE / 2):
+            assert [job.state for job in await asyncio.gather(*waiting)] == ["cancelled"] * 3
+
+    loop(story())
+
+
+def test_a_worker_killed_in_the_middle_costs_an_attempt_and_not_the_job(shared, loop):
+    runner, library = shared
+
+    async def story() -> JobRecord:
+        job_id = await queue(runner, ply(torus(columns=84, rows=60)), Parameters(samples=300))
+        other = await queue(runner, small_mesh(40))
+        await until(runner, job_id, computing)
+        (worker,) = workers()
+        os.kill(worker, signal.SIGKILL)
+        ended = await end(runner, job_id)
+        assert (await end(runner, other)).state == "succeeded"
+        assert worker not in workers()
+        return ended
+
+    job = loop(story())
+    assert (job.state, job.attempts) == ("succeeded", 2)
+    assert library.get(job.shape_id).sha256
+
+
+def test_a_job_that_kills_every_worker_fails_in_the_end(shared, loop):
+    runner, _ = shared
+
+    async def story() -> tuple[JobRecord, JobRecord]:
+        job_id = await queue(runner, ENDLESS, MANY)
+        for attempt in (1, 2):
+            await until(runner, job_id, lambda job, n=attempt: job.attempts == n and computing(job))
+            (worker,) = workers()
+            os.kill(worker, signal.SIGKILL)
+        return await end(runner, job_id), await end(runner, await queue(runner, small_mesh(41)))
+
+    job, after = loop(story())
+    assert (job.state, job.attempts, job.error["code"]) == ("failed", 2, "worker_lost")
+    assert after.state == "succeeded"
+
+
+def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loop):
+    runner, library = shared
+    shape = library.add(small_mesh(5), parameters=FEW)
+    mesh = StoredMesh(library.store.url, shape.sha256, "ply")
+    distances = loop(runner.call(distances_from, mesh, "spherical", 0))
+    assert distances[0] == 0.0
+    assert len(distances) == 60
+    with pytest.raises(ParameterError):
+        loop(runner.call(distances_from, mesh, "spherical", 60))
+    with pytest.raises(NotFoundError):
+        loop(runner.call(convert, StoredMesh(mesh.store_url, "0" * 64, "ply"), "off"))
+
+
+def test_a_job_that_is_not_there_is_not_found(shared, loop):
+    runner, _ = shared
+    for call in (runner.status, runner.cancel, lambda job_id: runner.wait(job_id, 1.0)):
+        with pytest.raises(NotFoundError, match="no job nobody"):
+            loop(call("nobody"))
+
+
+def test_jobs_are_listed_newest_first_and_by_state(shared, loop):
+    runner, _ = shared
+
+    async def story() -> None:
+        bad = await queue(runner, DAMAGED + b"# of the list")
+        good = await queue(runner, small_mesh(50))
+        await end(runner, bad)
+        await end(runner, good)
+        assert [job.id for job in await runner.newest(state=None, limit=2)] == [good, bad]
+        assert (await runner.newest(state="failed", limit=1))[0].id == bad
+        assert {job.state for job in await runner.newest(state="succeeded", limit=500)} == {"succeeded"}
+
+    loop(story())
+
+
+def test_a_full_queue_refuses_and_takes_again_when_there_is_room(library):
+    async def story(runner: JobRunner) -> None:
+        first = await queue(runner, ENDLESS, MANY)
+        await until(runner, first, computing)
+        second = await queue(runner, small_mesh(0))
+        await until(runner, second, lambda job: job.state == "running")  # in hand, waiting for the process
+        third = await queue(runner, small_mesh(1))
+        assert await runner.queued() == 1
+        with pytest.raises(QueueFullError) as caught:
+            await queue(runner, small_mesh(2))
+        assert caught.value.retry_after >= 1
+        assert (await submit(runner, small_mesh(1))).id == third  # no new job, so no room is needed
+        assert rows(library, "meshes") == 3
+        await runner.cancel(third)
+        fourth = await queue(runner, small_mesh(2))
+        await runner.cancel(first)
+        assert (await end(runner, fourth)).state == "succeeded"
+
+    run_with(library, JobLimits(queued=1, drain_seconds=0.0), story)
+
+
+def test_a_job_over_its_time_is_stopped_and_the_next_one_runs(library):
+    async def story(runner: JobRunner) -> None:
+        await until_true(lambda: runner.ready)
+        long, after = await queue(runner, ENDLESS, MANY), await queue(runner, small_mesh(0))
+        job = await end(runner, long)
+        assert (job.state, job.attempts, job.error["code"]) == ("failed", 1, "job_timeout")
+        assert "1.5 seconds" in job.error["message"]
+        assert (await end(runner, after)).state == "succeeded"
+        with pytest.raises(JobTimeoutError, match=r"1\.5 seconds"):
+            await runner.call(time.sleep, PATIENCE)
+        shape = library.page().items[0]
+        assert (await runner.call(convert, StoredMesh(library.store.url, shape.sha256, "ply"), "off")).startswith(
+            b"OFF"
+        )
+
+    run_with(library, JobLimits(seconds=1.5, drain_seconds=0.0), story)
+
+
+def test_a_job_over_its_memory_fails_and_the_next_one_runs(library):
+    async def story(runner: JobRunner) -> None:
+        large = await end(runner, await queue(runner, ply(torus(columns=700, rows=400))))
+        assert (large.state, large.attempts, large.error["code"]) == ("failed", 1, "job_memory")
+        assert (await end(runner, await queue(runner, small_mesh(0)))).state == "succeeded"
+
+    run_with(library, JobLimits(memory_mb=700, drain_seconds=0.0), story)
+
+
+def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(library, tmp_path, monkeypatch):
+    reports = tmp_path / "reports"
+    reports.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(reports))
+    ids: list[str] = []
+    before = workers()
+
+    async def story(runner: JobRunner) -> None:
+        ids.append(await queue(runner, medium_mesh(), Parameters(samples=500), name="kept"))
+        ids.append(await queue(runner, small_mesh(0)))
+        await until(runner, ids[0], computing)
+        assert workers(besides=before)
+        assert list(reports.rglob("*"))
+
+    run_with(library, LIMITS, story)
+    assert workers(besides=before) == []
+    assert list(reports.iterdir()) == []
+
+    async def begin_again(runner: JobRunner) -> None:
+        assert [(await runner.status(job_id)).attempts for job_id in ids] <= [1, 1]
+        jobs = [await end(runner, job_id) for job_id in ids]
+        assert [(job.state, job.attempts) for job in jobs] == [("succeeded", 1)] * 2
+        assert library.get(jobs[0].shape_id).name == "kept"
+
+    with library.store.read() as connection:
+        found = connection.exec_driver_sql("SELECT state, stage, attempts, started_at FROM jobs ORDER BY seq").all()
+    assert [tuple(row) for row in found] == [("queued", "queued", 0, None)] * 2
+    run_with(library, LIMITS, begin_again)
+
+
+def test_stopping_lets_running_jobs_end_where_there_is_time(library):
+    ids: list[str] = []
+
+    async def story(runner: JobRunner) -> None:
+        ids.append(await queue(runner, medium_mesh()))
+        await until(runner, ids[0], computing)
+
+    run_with(library, JobLimits(drain_seconds=PATIENCE), story)
+    assert len(library) == 1
+
+
+def test_jobs_left_running_by_a_killed_server_are_run_again_and_not_for_ever(library):
+    ids: list[str] = []
+
+    async def leave(runner: JobRunner) -> None:
+        ids.extend([await queue(runner, small_mesh(number), Parameters(samples=30)) for number in range(3)])
+
+    async def take_up(runner: JobRunner) -> None:
+        again, untouched, lost = [await end(runner, job_id) for job_id in ids]
+        assert (again.state, again.attempts, again.restarts) == ("succeeded", 1, 1)
+        assert (untouched.state, untouched.attempts) == ("succeeded", 1)
+        assert (lost.state, lost.restarts, lost.error["code"]) == ("failed", 2, "worker_lost")
+
+    run_without_starting(library, leave)
+    with library.store.write() as connection:  # as a server that was killed leaves them
+        for seq, restarts in ((1, 0), (3, 2)):
+            connection.exec_driver_sql(
+                "UPDATE jobs SET state = 'running', attempts = 1, restarts = ? WHERE seq = ?", (restarts, seq)
+            )
+    run_with(library, JobLimits(restarts=2, drain_seconds=0.0), take_up)
+    assert rows(library, "meshes") == 2
+
+
+def run_without_starting(library: Library, story: Callable[[JobRunner], Awaitable[None]]) -> None:
+    async def whole() -> None:
+        runner = JobRunner(library, workers=1, limits=LIMITS)
+        await story(runner)
+        await runner.stop()
+
+    asyncio.run(whole())
+
+
+def test_a_worker_killed_while_it_loads_its_kernels_does_not_keep_the_runner_from_being_ready(library):
+    before = workers()
+
+    async def story(runner: JobRunner) -> None:
+        await until_true(lambda: bool(workers(besides=before)))
+        (worker,) = workers(besides=before)
+        os.kill(worker, signal.SIGKILL)
+        assert (await end(runner, await queue(runner, small_mesh(0)))).state == "succeeded"
+        async with asyncio.timeout(20):
+            while not runner.ready:
+                await asyncio.sleep(0.05)
+
+    run_with(library, LIMITS, story)

@@ -1,0 +1,385 @@
+"""The library: what is added is found, ranked and removed, on a real SQLite file."""
+
+from __future__ import annotations
+
+import dataclasses
+import sqlite3
+
+import numpy as np
+import pytest
+from sqlalchemy import insert, select
+
+from server import DAMAGED, ply, small_mesh
+from unbend import Library, Parameters, compare, compute_signature, read_mesh
+from unbend.errors import MeshReadError, NotFoundError, ParameterError
+from unbend.library import schema
+from unbend.library.shapes import MAX_PAGE
+from unbend.matching.measures import MEASURES
+from unbend.mesh.shapes import cylinder, sheet, sphere, spiral, torus
+
+FEW = Parameters(samples=40)
+GRID = {"columns": 12, "rows": 6}
+BENT = {"flat": sheet(**GRID), "rolled": cylinder(**GRID), "wound": spiral(**GRID)}
+ROUND = {"ball": sphere(subdivisions=1), "marble": sphere(subdivisions=2)}
+
+
+def fill(library: Library) -> dict[str, str]:
+    """Add three bent sheets, two spheres and an unlabelled torus; return their ids by name."""
+    members = [(name, surface, "sheet") for name, surface in BENT.items()]
+    members += [(name, surface, "sphere") for name, surface in ROUND.items()]
+    members += [("ring", torus(columns=12, rows=8), None)]
+    return {
+        name: library.add(ply(surface), name=name, label=label, parameters=FEW).id for name, surface, label in members
+    }
+
+
+def tables(path) -> dict[str, int]:
+    """How many rows each table of a library's file has."""
+    connection = sqlite3.connect(path)
+    try:
+        names = ("shapes", "signatures", "descriptors", "meshes", "jobs")
+        return {name: connection.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in names}  # noqa: S608
+    finally:
+        connection.close()
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "library.db"
+
+
+@pytest.fixture
+def library(path):
+    with Library(str(path)) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A library that tests only look at, and its ids by name."""
+    with Library(str(tmp_path_factory.mktemp("filled") / "library.db")) as opened:
+        yield opened, fill(opened)
+
+
+def test_what_is_added_is_told_again_in_full(library):
+    data = ply(torus(columns=12, rows=8))
+    record = library.add(data, name="ring", label="torus", metadata={"scanner": "A", "n": [1, None]}, parameters=FEW)
+    assert library.get(record.id) == record
+    assert (record.name, record.label, record.metadata) == ("ring", "torus", {"scanner": "A", "n": [1, None]})
+    assert (record.size, record.parameters) == (len(data), FEW.as_dict())
+    assert record.area == pytest.approx(read_mesh(data).area)
+    assert record.report["file_type"] == "ply"
+    assert record.created_at.tzinfo is not None
+    assert library.mesh(record.id) == data
+    assert len(library) == 1
+
+
+def test_a_path_gives_its_name_and_bytes_give_none(library, tmp_path):
+    (tmp_path / "my torus.v2.ply").write_bytes(small_mesh(0))
+    assert library.add(tmp_path / "my torus.v2.ply", parameters=FEW).name == "my torus.v2"
+    assert library.add(small_mesh(1), parameters=FEW).name == "unnamed"
+
+
+def test_a_stored_signature_equals_the_computed_one(library):
+    data = small_mesh(0)
+    parameters = Parameters(samples=30, dimensions=4, method="classical", update="planar", scaling="box")
+    computed = compute_signature(read_mesh(data), parameters)
+    read = library.signature(library.add(data, parameters=parameters).id)
+    for field in ("points", "faces", "samples", "weights"):
+        np.testing.assert_array_equal(getattr(read, field), getattr(computed, field), strict=True)
+    assert set(read.descriptors) == set(computed.descriptors)
+    for name, vector in computed.descriptors.items():
+        np.testing.assert_array_equal(read.descriptors[name], vector, strict=True)
+    for field in ("scale", "stress", "asymmetry", "parameters", "version"):
+        assert getattr(read, field) == getattr(computed, field)
+
+
+def test_the_same_bytes_and_parameters_are_stored_once(library, path):
+    first = library.add(small_mesh(0), name="first", label="a", parameters=FEW)
+    again = library.add(small_mesh(0), name="again", label="b", parameters=FEW)
+    assert again == first
+    other = library.add(small_mesh(0), parameters=Parameters(samples=41))
+    assert other.id != first.id
+    assert tables(path) == {"shapes": 2, "signatures": 2, "descriptors": 2 * len(MEASURES), "meshes": 1, "jobs": 0}
+
+
+def test_a_mesh_that_cannot_be_used_leaves_nothing(library, path):
+    with pytest.raises(MeshReadError, match="ends early"):
+        library.add(DAMAGED)
+    assert set(tables(path).values()) == {0}
+
+
+def test_pages_hold_every_shape_once_in_the_order_of_adding(library):
+    ids = [library.add(small_mesh(number), parameters=FEW).id for number in range(5)]
+    seen, cursor, sizes = [], None, []
+    while True:
+        page = library.page(cursor=cursor, limit=2)
+        seen += [record.id for record in page.items]
+        sizes.append(len(page.items))
+        cursor = page.next_cursor
+        if cursor is None:
+            break
+    assert seen == ids
+    assert sizes == [2, 2, 1]
+    assert library.page(limit=5).next_cursor is None
+
+
+def test_a_page_is_where_it_was_when_shapes_come_and_go_before_it(library):
+    ids = [library.add(small_mesh(number), parameters=FEW).id for number in range(4)]
+    first = library.page(limit=2)
+    library.remove(ids[0])
+    last = library.add(small_mesh(9), parameters=FEW).id
+    rest = library.page(cursor=first.next_cursor)
+    assert [record.id for record in rest.items] == [ids[2], ids[3], last]
+
+
+def test_pages_can_be_of_one_label(filled):
+    library, ids = filled
+    first = library.page(label="sheet", limit=2)
+    rest = library.page(label="sheet", limit=2, cursor=first.next_cursor)
+    assert [record.id for record in first.items + rest.items] == [ids[name] for name in BENT]
+    assert rest.next_cursor is None
+    assert library.page(label="none of these").items == []
+
+
+def test_a_page_has_no_more_than_its_maximum(library):
+    record = library.add(small_mesh(0), parameters=FEW)
+    with library.store.write() as connection:
+        insert_many(connection, record.id, MAX_PAGE)
+    page = library.page(limit=10 * MAX_PAGE)
+    assert len(page.items) == MAX_PAGE
+    assert len(library.page(cursor=page.next_cursor, limit=10 * MAX_PAGE).items) == 1
+
+
+def insert_many(connection, shape_id: str, count: int) -> None:
+    """Copies of a shape, made in the store, for they would take long to compute."""
+    signature, shape = (
+        dict(connection.execute(select(table)).mappings().one()) for table in (schema.signatures, schema.shapes)
+    )
+    assert shape["id"] == shape_id
+    for number in range(count):
+        copy = signature | {"id": 1000 + number, "version": f"copy {number}"}
+        connection.execute(insert(schema.signatures).values(**copy))
+        copy = shape | {"seq": 1000 + number, "id": f"copy {number}", "signature_id": 1000 + number}
+        connection.execute(insert(schema.shapes).values(**copy))
+
+
+@pytest.mark.parametrize("cursor", ["", "x", "-1", "1.5", "9" * 30, "1 OR 1"])
+def test_a_cursor_of_our_own_making_is_needed(library, cursor):
+    with pytest.raises(ParameterError, match="cursor"):
+        library.page(cursor=cursor)
+
+
+@pytest.mark.parametrize("limit", [0, -1, -1000])
+def test_a_page_of_less_than_one_shape_is_refused(filled, limit):
+    with pytest.raises(ParameterError, match="limit"):
+        filled[0].page(limit=limit)
+
+
+def test_name_label_and_metadata_can_be_changed_and_nothing_else(library):
+    record = library.add(small_mesh(0), name="a", label="b", metadata={"c": 1}, parameters=FEW)
+    assert library.change(record.id, {"label": None}) == dataclasses.replace(record, label=None)
+    changed = library.change(record.id, {"name": "x", "metadata": {"y": [2]}})
+    assert changed == dataclasses.replace(record, label=None, name="x", metadata={"y": [2]})
+    assert library.get(record.id) == changed
+    assert library.change(record.id, {}) == changed
+    with pytest.raises(ParameterError, match="sha256"):
+        library.change(record.id, {"sha256": "0"})
+
+
+def test_a_shape_cannot_lose_its_name(library):
+    record = library.add(small_mesh(0), name="a", parameters=FEW)
+    with pytest.raises(ParameterError, match="name"):
+        library.change(record.id, {"name": None})
+
+
+def test_metadata_must_be_something_that_json_can_hold(library):
+    for value in (object(), float("nan"), {1, 2}):
+        with pytest.raises(ParameterError, match="metadata"):
+            library.add(small_mesh(0), metadata={"value": value}, parameters=FEW)
+
+
+def test_removal_deletes_the_bytes_unless_another_shape_needs_them(library, path):
+    first = library.add(small_mesh(0), parameters=FEW)
+    second = library.add(small_mesh(0), parameters=Parameters(samples=41))
+    library.remove(first.id)
+    assert tables(path) == {"shapes": 1, "signatures": 1, "descriptors": len(MEASURES), "meshes": 1, "jobs": 0}
+    assert library.mesh(second.id) == small_mesh(0)
+    library.remove(second.id)
+    assert set(tables(path).values()) == {0}
+    assert library.add(small_mesh(0), parameters=FEW).id not in {first.id, second.id}
+
+
+@pytest.mark.parametrize("call", ["get", "mesh", "signature", "remove", "rank", "nearest", "classify"])
+def test_a_shape_that_is_not_there_is_not_found(filled, call):
+    with pytest.raises(NotFoundError, match="no shape nobody"):
+        getattr(filled[0], call)("nobody")
+
+
+def test_changing_a_shape_that_is_not_there_is_not_found(filled):
+    for changes in ({"name": "x"}, {}):
+        with pytest.raises(NotFoundError, match="no shape nobody"):
+            filled[0].change("nobody", changes)
+
+
+def test_labels_are_counted_and_unlabelled_shapes_are_not(filled):
+    assert filled[0].labels() == {"sheet": 3, "sphere": 2}
+    assert len(filled[0]) == 6
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_shapes_are_ranked_by_their_distance_as_compare_has_it(filled, measure):
+    library, ids = filled
+    query = compute_signature(torus(columns=14, rows=7), FEW)
+    ranking = library.rank(query, measure=measure, k=100)
+    expected = {name: compare(query, library.signature(id_), measure) for name, id_ in ids.items()}
+    assert [match.name for match in ranking.shapes] == sorted(expected, key=expected.__getitem__)
+    for match in ranking.shapes:
+        assert match.distance == pytest.approx(expected[match.name])
+        assert match.id == ids[match.name]
+    nearest = {
+        "sheet": min(expected[name] for name in BENT),
+        "sphere": min(expected[name] for name in ROUND),
+    }
+    assert {match.label: match.distance for match in ranking.classes} == pytest.approx(nearest)
+    assert [match.distance for match in ranking.classes] == sorted(nearest.values())
+
+
+def test_k_limits_the_shapes_but_not_the_classes(filled):
+    library, ids = filled
+    whole = library.rank(ids["flat"], k=100)
+    for k in (1, 3, 5):
+        ranking = library.rank(ids["flat"], k=k)
+        assert ranking.shapes == whole.shapes[:k]
+        assert ranking.classes == whole.classes
+    assert library.nearest(ids["flat"], 2) == whole.shapes[:2]
+    assert library.classify(ids["flat"]) == whole.classes
+    for k in (0, -1):
+        with pytest.raises(ParameterError, match="k must be"):
+            library.rank(ids["flat"], k=k)
+
+
+def test_a_stored_shape_is_not_among_its_own_answers_but_its_signature_is(filled):
+    library, ids = filled
+    assert sorted(match.id for match in library.nearest(ids["flat"], 100)) == sorted(set(ids.values()) - {ids["flat"]})
+    found = library.nearest(library.signature(ids["flat"]), 1)[0]
+    assert (found.id, found.distance) == (ids["flat"], 0.0)
+
+
+def test_a_bent_sheet_is_known_as_a_sheet_and_a_torus_as_nothing(filled):
+    library, ids = filled
+    ranking = library.rank(ids["rolled"])
+    assert ranking.classes[0].label == "sheet"
+    assert ranking.known is True
+    assert library.rank(ids["ring"]).known is False
+
+
+def test_nothing_is_known_where_the_nearest_class_has_one_member_or_there_is_none(library):
+    query = compute_signature(sphere(subdivisions=1), FEW)
+    assert library.rank(query).as_dict() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+    library.add(small_mesh(0), parameters=FEW)
+    unlabelled = library.rank(query)
+    assert (unlabelled.classes, len(unlabelled.shapes), unlabelled.known) == ([], 1, None)
+    library.add(ply(sphere(subdivisions=2)), label="sphere", parameters=FEW)
+    assert library.rank(query).known is None
+
+
+def test_a_lone_shape_has_no_neighbours(library):
+    record = library.add(small_mesh(0), label="a", parameters=FEW)
+    assert library.rank(record.id).as_dict() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+
+
+def test_shapes_of_other_parameters_take_no_part(library):
+    few = library.add(small_mesh(0), label="few", parameters=FEW)
+    many = library.add(small_mesh(0), label="many", parameters=Parameters(samples=41))
+    other = library.add(small_mesh(1), label="many", parameters=Parameters(samples=41))
+    assert library.nearest(few.id) == []
+    assert [match.id for match in library.nearest(many.id)] == [other.id]
+    query = compute_signature(read_mesh(small_mesh(5)), FEW)
+    assert [match.id for match in library.nearest(query)] == [few.id]
+
+
+def test_an_unknown_measure_is_refused(filled):
+    library, ids = filled
+    with pytest.raises(ParameterError, match="volume"):
+        library.rank(ids["flat"], measure="volume")
+    with pytest.raises(ParameterError, match="volume"):
+        library.evaluate("volume")
+
+
+def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
+    figures = filled[0].evaluate(parameters=FEW)
+    assert figures.nn == 1.0
+    assert figures.ft == 1.0
+    assert figures.map == 1.0
+
+
+def test_evaluation_needs_labelled_shapes_of_its_parameters(filled, library):
+    with pytest.raises(ParameterError, match="two members"):
+        filled[0].evaluate()
+    with pytest.raises(ParameterError, match="two members"):
+        library.evaluate(parameters=FEW)
+
+
+def test_the_index_stays_true_through_every_change(library, path):
+    query = compute_signature(sphere(subdivisions=1), FEW)
+
+    def agrees() -> None:
+        with Library(str(path)) as fresh:
+            for measure in ("spectrum", "moments"):
+                assert library.rank(query, measure=measure, k=100) == fresh.rank(query, measure=measure, k=100)
+
+    agrees()
+    ids = fill(library)
+    agrees()
+    assert len(library.nearest(query, 100)) == 6
+    library.change(ids["ball"], {"label": "globe", "name": "globe-1"})
+    agrees()
+    assert library.rank(query).shapes[0].name == "globe-1"
+    assert library.rank(query).classes[0].label == "globe"
+    library.remove(ids["ball"])
+    agrees()
+    assert len(library.nearest(query, 100)) == 5
+    library.remove(ids["ring"])  # the last one added, whose place in the order must not come again
+    library.add(small_mesh(3), name="new", parameters=FEW)
+    agrees()
+    assert "new" in [match.name for match in library.nearest(query, 100)]
+
+
+def test_two_libraries_on_one_file_see_each_others_changes(path):
+    query = compute_signature(sphere(subdivisions=1), FEW)
+    with Library(str(path)) as one, Library(str(path)) as two:
+        assert one.nearest(query) == two.nearest(query) == []
+        added = one.add(small_mesh(0), name="a", parameters=FEW)
+        assert [match.name for match in two.nearest(query)] == ["a"]
+        two.change(added.id, {"name": "b"})
+        assert [match.name for match in one.nearest(query)] == ["b"]
+        second = two.add(small_mesh(1), parameters=FEW)
+        one.remove(added.id)
+        assert [match.id for match in two.nearest(query)] == [second.id]
+        assert two.add(small_mesh(1), parameters=FEW) == one.get(second.id)
+
+
+def test_threads_may_add_and_ask_at_the_same_time(library):
+    from concurrent.futures import ThreadPoolExecutor
+
+    query = compute_signature(sphere(subdivisions=1), FEW)
+
+    def work(number: int) -> int:
+        library.add(small_mesh(number % 6), name=str(number % 6), parameters=FEW)
+        return len(library.nearest(query, 100))
+
+    with ThreadPoolExecutor(6) as pool:
+        counts = list(pool.map(work, range(18)))
+    assert len(library) == 6
+    assert min(counts) >= 1
+    assert sorted(match.name for match in library.nearest(query, 100)) == list("012345")
+
+
+def test_a_library_opened_again_holds_what_it_held(path):
+    with Library(str(path)) as library:
+        ids = fill(library)
+        before = library.rank(ids["flat"])
+    with Library(f"sqlite:///{path}") as library:
+        assert library.rank(ids["flat"]) == before
+        assert len(library) == 6

@@ -32,7 +32,8 @@ def enqueue(
     connection.execute(
         insert(jobs).values(
             id=job_id, kind=kind, state="queued", stage="queued", progress=0.0, attempts=0, restarts=0,
-            mesh_sha256=sha256, file_type=file_type, parameters=parameters, request=request, created_at=datetime.now(UTC),
+            mesh_sha256=sha256, file_type=file_type, parameters=parameters, request=request,
+            created_at=datetime.now(UTC),
         )
     )  # fmt: skip
     return get_job(connection, job_id)

@@ -107,7 +107,7 @@ def test_messy_real_meshes_give_finite_distances_on_the_kept_component(shared_da
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
-def test_distances_keep_the_triangle_inequality_along_edges_and_bounds(seed, source):
+def test_on_crumpled_sheets_no_edge_is_outrun_and_distances_are_near_exact_ones(seed, source):
     rng = np.random.default_rng(seed)
     flat = grid(6, 5)
     surface = Surface(flat.vertices + rng.normal(0, 0.2, flat.vertices.shape), flat.faces)
@@ -116,8 +116,12 @@ def test_distances_keep_the_triangle_inequality_along_edges_and_bounds(seed, sou
     a, b = surface.faces[:, [0, 1, 2]].ravel(), surface.faces[:, [1, 2, 0]].ravel()
     lengths = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
     assert (np.abs(distances[a] - distances[b]) <= lengths * (1 + 1e-9)).all()
-    assert (distances >= np.linalg.norm(surface.vertices - surface.vertices[source], axis=1) * 0.98).all()
     assert distances[source] == 0
+    # A virtual source stands for a front that is round, which it is not behind a ridge: single distances err by
+    # a tenth or more on sheets as crumpled as these, the mean by a fraction of a percent.
+    exact = exact_distances(surface, np.array([source]))
+    assert mean_relative_error(distances[None], exact) < 0.06
+    assert (np.delete(distances, source) > 0.8 * np.delete(exact[0], source)).all()
 
 
 @given(st.integers(0, 2**32 - 1))

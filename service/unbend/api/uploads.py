@@ -9,9 +9,9 @@ from typing import Any
 from starlette.datastructures import UploadFile
 
 from unbend.jobs import Upload
-from unbend.library.values import MAX_TEXT, check_metadata, parse_json
+from unbend.library.values import MAX_TEXT, check_metadata
 from unbend.mesh.formats.detect import detect_format
-from unbend.signature.parameters import Parameters
+from unbend.signature.parameters import Parameters, parse_json
 
 
 async def read_upload(file: UploadFile, parameters: str | None) -> Upload:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unbend.cli.folder import LabelledFile
@@ -39,8 +37,7 @@ def compute_files(files: Sequence[LabelledFile], parameters: Parameters) -> list
 def _computed(files: Sequence[LabelledFile], parameters: Parameters) -> Iterator[Computed]:
     from unbend.jobs.batch import compute_paths  # noqa: PLC0415
 
-    paths: list[Path] = [Path(os.fspath(file.path)) for file in files]
-    for file, outcome in zip(files, compute_paths(paths, parameters), strict=True):
+    for file, outcome in zip(files, compute_paths([file.path for file in files], parameters), strict=True):
         if isinstance(outcome, UnbendError):
             yield Computed(file, None, str(outcome))
         else:

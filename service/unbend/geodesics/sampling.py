@@ -54,7 +54,7 @@ def farthest_point_sampling(surface: Surface, count: int, *, start: int | None =
 
 def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: int | None = None) -> Sampling:
     """Return the sampling of `farthest_point_sampling` from stencils already built, with its Voronoi cells."""
-    used = np.unique(surface.faces)
+    used = surface.used_vertices
     if not 1 <= count <= len(used):
         raise ParameterError(f"count must be between 1 and {len(used)}, the vertices that faces use, not {count}")
     vertex_at = np.argsort(stencils.place)

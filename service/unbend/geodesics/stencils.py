@@ -177,7 +177,7 @@ def _fill(vertices, faces, twins, triggers, entries, steps):
                 used = _emit(triggers, entries, used, a, split, target, from_a, x_a, y_a)
                 x_b, y_b = _apex(length_p, length_b, from_b)
                 used = _emit(triggers, entries, used, split, b, target, from_b, x_b, y_b)
-        # The undivided triangle stays: it is exact where both ends are known in time, and keeping it lowered
-        # the largest error on coarse meshes by a quarter.
+        # The undivided triangle stays: it is exact where both ends are known in time, where the
+        # unfolded ones may not be.
         used = _emit(triggers, entries, used, a, b, target, base, x, y)
     return used

@@ -39,15 +39,6 @@ def check_metadata(value: object) -> None:
         raise ParameterError("metadata holds something that JSON cannot give back, or is nested too deeply") from None
 
 
-def parse_json(text: str, what: str) -> Any:
-    """Return the value of JSON text; ParameterError where it is none, or nested too deeply."""
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else f"not JSON: {error}"
-        raise ParameterError(f"{what} is {reason}") from None
-
-
 def _check_text(name: str, value: object) -> None:
     if not isinstance(value, str) or not 1 <= len(value) <= MAX_TEXT or not _encodable(value):
         raise ParameterError(f"a shape's {name} must be text of 1 to {MAX_TEXT} characters")

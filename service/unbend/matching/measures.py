@@ -18,8 +18,8 @@ from unbend.signature.signature import Signature
 class Measure:
     """A distance between descriptor vectors: the sum of absolute differences (L1).
 
-    It is symmetric, zero between equal vectors, and depends on nothing but the two. L1 measured better than L2
-    for every descriptor here, as it is less swayed by a single large difference.
+    It is symmetric, zero between equal vectors, and depends on nothing but the two. L1 is less swayed by a single
+    large difference than L2.
     """
 
     name: str

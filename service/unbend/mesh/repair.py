@@ -78,7 +78,7 @@ def _choose_component(raw: Surface, faces: Ints, policy: MeshPolicy, report: Mes
 
 def _count(faces: Ints, raw: Surface, report: MeshReport) -> MeshReport:
     edges = find_edges(faces, len(raw.vertices))
-    isolated = len(raw.vertices) - len(np.unique(raw.faces))
+    isolated = len(raw.vertices) - len(raw.used_vertices)
     notes = [
         f"{count} {what}"
         for count, what in (

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from unbend.arrays import Floats, Ints, frozen
+from unbend.arrays import Floats, Indices, Ints, frozen
 from unbend.errors import MeshGeometryError
 from unbend.mesh.report import MeshReport
 
@@ -45,6 +45,11 @@ class Surface:
         """Area of each triangle, (m,)."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         return frozen(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), np.float64)
+
+    @cached_property
+    def used_vertices(self) -> Indices:
+        """Vertices that faces use, in rising order."""
+        return frozen(np.unique(self.faces), np.int64)
 
     @property
     def area(self) -> float:

@@ -75,14 +75,19 @@ class Parameters:
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Make parameters from JSON text; ParameterError if it is not an object of known fields."""
-        try:
-            values = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            reason = "nested too deeply" if isinstance(error, RecursionError) else f"not JSON: {error}"
-            raise ParameterError(f"parameters are {reason}") from None
+        values = parse_json(text, "parameters")
         if not isinstance(values, dict):
             raise ParameterError("parameters must be a JSON object")
         return cls.from_dict(values)
+
+
+def parse_json(text: str, what: str) -> Any:
+    """Return the value of JSON text; ParameterError where it is none, or nested too deeply."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else f"not JSON: {error}"
+        raise ParameterError(f"{what}: {reason}") from None
 
 
 def _check_int(name: str, value: object, least: int, most: int) -> None:

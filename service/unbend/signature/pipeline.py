@@ -67,7 +67,7 @@ def compute_signature(
 
     report("sampling", _SAMPLING)
     stencils = build_stencils(surface)
-    count = min(chosen.samples, len(np.unique(surface.faces)))
+    count = min(chosen.samples, len(surface.used_vertices))
     sampling = sample_farthest(surface, stencils, count)
 
     def report_rows(share: float) -> None:
@@ -122,6 +122,6 @@ def _describe(surface: Surface, posed: Floats, distances: Floats, weights: Float
 
 
 def _surface_moments(surface: Surface) -> Floats:
-    used = np.unique(surface.faces)
+    used = surface.used_vertices
     areas = surface.vertex_areas[used]
     return moments(principal_pose(surface.vertices[used], areas) / np.sqrt(surface.area), areas)

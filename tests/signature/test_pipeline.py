@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 
 from unbend import Parameters, Surface, compare, compute_signature, read_mesh
 from unbend.errors import MeshGeometryError, ParameterError
-from unbend.mesh.shapes import cylinder, helicoid_catenoid, s_bend, sheet, sphere, spiral, tetrahedron, torus
+from unbend.mesh.shapes import cylinder, ellipsoid, helicoid_catenoid, s_bend, sheet, sphere, spiral, tetrahedron, torus
 from unbend.signature.export import export_signature
 
 BENDINGS = {"cylinder": cylinder, "s": s_bend, "spiral": spiral}
@@ -61,7 +61,7 @@ def test_the_helicoid_and_the_catenoid_agree():
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 100.0), st.booleans())
 def test_rotation_reflection_scale_and_labels_change_nothing(rotation, seed, factor, mirrored):
-    surface = torus(columns=14, rows=9)
+    surface = ellipsoid((1.0, 0.75, 0.5), subdivisions=2)  # a torus has two equal axes, so no one pose
     rng = np.random.default_rng(seed)
     order = rng.permutation(len(surface.vertices))
     vertices = factor * surface.vertices @ rotation(seed).T + rng.normal(size=3)

@@ -9,6 +9,7 @@ import pytest
 
 from unbend import Surface
 from unbend.errors import MeshGeometryError
+from unbend.mesh.report import MeshReport
 
 TRIANGLE = [[0, 0, 0], [2, 0, 0], [0, 1, 0]]
 
@@ -39,7 +40,13 @@ def test_it_cannot_be_changed_and_does_not_share_the_callers_arrays():
         (TRIANGLE, np.empty((0, 3), int), "no faces"),
         (TRIANGLE, [[0, 1, 3]], "face 0"),
         (TRIANGLE, [[0, 1, -1]], "face 0"),
+        (TRIANGLE, [[0, 1, 2**32 + 2]], "face 0"),
+        (TRIANGLE, [[0, 1, 1.5]], "whole numbers"),
+        (TRIANGLE, [[0, 1, np.nan]], "whole numbers"),
         ([[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], "vertex 0"),
+        (1e150 * np.array(TRIANGLE), [[0, 1, 2]], "scale its coordinates"),
+        (1e-150 * np.array(TRIANGLE), [[0, 1, 2]], "scale its coordinates"),
+        ([[-1.7e308, 0, 0], [1.7e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "scale its coordinates"),
     ],
 )
 def test_what_is_no_surface_is_refused(vertices, faces, message):
@@ -49,3 +56,33 @@ def test_what_is_no_surface_is_refused(vertices, faces, message):
 
 def test_an_unused_vertex_may_be_anything():
     assert Surface([*TRIANGLE, [np.nan] * 3], [[0, 1, 2]]).area == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("scale", [1e-130, 1e-60, 1e60, 1e130])
+def test_areas_of_tiny_and_huge_surfaces_are_right(scale):
+    surface = Surface(scale * np.array(TRIANGLE), [[0, 1, 2]])
+    assert surface.area / scale / scale == pytest.approx(1.0)
+    assert surface.extent == pytest.approx(2 * scale)
+
+
+def test_the_extent_is_that_of_used_vertices():
+    assert Surface([*TRIANGLE, [9, 9, 9]], [[0, 1, 2]]).extent == 2
+
+
+def test_used_vertices_are_those_of_faces_in_rising_order():
+    np.testing.assert_array_equal(Surface([[7, 7, 7], *TRIANGLE], [[3, 1, 2]]).used_vertices, [1, 2, 3])
+
+
+def test_edges_are_found_once():
+    surface = Surface(TRIANGLE, [[0, 1, 2]])
+    assert surface.edges is surface.edges
+    assert surface.edges.boundary == 3
+
+
+def test_another_report_shares_everything_else():
+    surface = Surface(TRIANGLE, [[0, 1, 2]])
+    edges = surface.edges
+    other = surface.with_report(MeshReport(faces=7))
+    assert (surface.report.faces, other.report.faces) == (0, 7)
+    assert other.edges is edges
+    assert other.vertices is surface.vertices

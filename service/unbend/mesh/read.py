@@ -17,6 +17,7 @@ from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.formats.text import bare_obj, check_off
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
+from unbend.mesh.rows import equal_points
 from unbend.mesh.surface import Surface
 
 _PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj}
@@ -38,13 +39,15 @@ def read_mesh(
     file_type : str, optional
         "off", "obj", "ply", "stl" or "glb": used where the content does not tell. A path's own by default.
     policy : MeshPolicy, optional
-        What to do with several components; keeps the largest by default.
+        What to do with several components, and with more vertices than wanted; keeps the largest component and
+        all vertices by default.
 
     Returns
     -------
     Surface
         Vertices in the order of the file, none welded; those of stl, which has no shared vertices, are merged
-        where their coordinates are equal. `report` says what was found and done.
+        where their coordinates are equal. Where the policy has the mesh simplified, `vertex_map` says where its
+        vertices went. `report` says what was found and done.
 
     Raises
     ------
@@ -111,6 +114,6 @@ def _load(data: bytes, kind: str) -> Any:
 
 
 def _weld(vertices: Floats, faces: Indices) -> tuple[Floats, Indices]:
-    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))  # keep the order in which vertices first appear
-    return vertices[np.sort(first)], rank[inverse.reshape(-1)][faces]
+    first = equal_points(vertices)
+    kept = first == np.arange(len(vertices))  # the first of equal ones stands for all, so the file's order stays
+    return vertices[kept], (np.cumsum(kept) - 1)[first][faces]

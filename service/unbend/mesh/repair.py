@@ -2,96 +2,87 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from unbend.arrays import Floats, Indices, Ints
 from unbend.errors import MeshGeometryError
+from unbend.mesh.bridge import bridge
+from unbend.mesh.census import take_census
+from unbend.mesh.clean import cleaned
+from unbend.mesh.components import largest_component
 from unbend.mesh.policy import MeshPolicy
-from unbend.mesh.report import MeshReport
-from unbend.mesh.surface import Surface
-from unbend.mesh.topology import face_components, find_edges
+from unbend.mesh.report import MeshReport, counted_noun
+from unbend.mesh.simplify import simplify
+from unbend.mesh.surface import Surface, check_mesh
 
 
-def repair(vertices: Floats, faces: Indices, *, file_type: str = "", policy: MeshPolicy | None = None) -> Surface:
+def repair(vertices: ArrayLike, faces: ArrayLike, *, file_type: str = "", policy: MeshPolicy | None = None) -> Surface:
     """Return the surface that raw `vertices` (n, 3) and `faces` (m, 3) describe.
 
-    Faces that repeat a vertex or another face are dropped, and `policy` says what happens to further
-    components. Vertices are never dropped, moved or renumbered.
+    Faces that use a coordinate that is not finite, repeat a vertex or repeat another face are dropped, and
+    `policy` says what happens to further components and to a mesh of many vertices. Vertices are never dropped,
+    moved or renumbered, except where the policy asks for fewer: then the surface's `vertex_map` says where they
+    went.
 
     Raises
     ------
     MeshGeometryError
-        If an index is out of range, a used coordinate is not finite, no face with an area is left, or the
-        policy refuses the mesh.
+        If an index is out of range, squared lengths leave the range of double precision, no face with an area is
+        left, or the policy refuses the mesh.
     """
     policy = policy or MeshPolicy()
-    raw = Surface(vertices, faces.astype(np.int32) if _fits(faces) else faces)  # checks ranges and coordinates
-    report = MeshReport(file_type=file_type, vertices=len(raw.vertices), faces=len(raw.faces))
-    kept, report = _drop_useless(raw.faces, report)
-    kept, report = _choose_component(raw, kept, policy, report)
-    surface = Surface(raw.vertices, kept, _count(kept, raw, report))
-    if not surface.area > 0:
-        raise MeshGeometryError("every face has zero area")
-    return surface
+    points, corners = np.asarray(vertices, np.float64), np.asarray(faces)
+    check_mesh(points, corners)
+    report = MeshReport(file_type=file_type, vertices=len(points), faces=len(corners))
+    surface = cleaned(points, corners.astype(np.int32, copy=False), report)
+    surface = _choose_component(surface, policy)
+    surface = surface.with_report(surface.report.adding(**asdict(take_census(surface))).described())
+    if policy.max_vertices is None or len(surface.used_vertices) <= policy.max_vertices:
+        return _bridged(surface) if policy.components == "bridge" else surface
+    return _bridged(_simplified(surface, policy.max_vertices))  # collapses may part what hung together by a vertex
 
 
-def _fits(faces: Indices) -> bool:
-    limit = np.iinfo(np.int32).max
-    if faces.size and (faces.max() > limit or faces.min() < -limit):
-        raise MeshGeometryError(f"a face uses vertex {int(np.abs(faces).max())}, which no mesh we read can have")
-    return True
-
-
-def _drop_useless(faces: Ints, report: MeshReport) -> tuple[Ints, MeshReport]:
-    corners = np.sort(faces, axis=1)
-    repeats = (corners[:, 0] == corners[:, 1]) | (corners[:, 1] == corners[:, 2])
-    kept, corners = faces[~repeats], corners[~repeats]
-    if len(kept) == 0:
-        raise MeshGeometryError("no face has three different vertices")
-    _, first = np.unique(corners, axis=0, return_index=True)
-    degenerate, duplicate = int(repeats.sum()), len(kept) - len(first)
-    notes = [
-        f"{count} {what} dropped"
-        for count, what in ((degenerate, "faces that repeat a vertex"), (duplicate, "duplicate faces"))
-        if count
-    ]
-    if duplicate:
-        kept = kept[np.sort(first)]
-    counted = replace(report, degenerate_faces=degenerate, duplicate_faces=duplicate)
-    return kept, replace(counted, notes=(*report.notes, *notes))
-
-
-def _choose_component(raw: Surface, faces: Ints, policy: MeshPolicy, report: MeshReport) -> tuple[Ints, MeshReport]:
-    count, component = face_components(faces, len(raw.vertices))
-    if count == 1:
-        return faces, replace(report, components=1)
+def _choose_component(surface: Surface, policy: MeshPolicy) -> Surface:
+    faces, count, share = largest_component(surface)
+    report = surface.report.adding(components=count)
+    if count == 1 or policy.components == "bridge":
+        return surface.with_report(report)
     if policy.components == "error":
         raise MeshGeometryError(f"the mesh has {count} components, and the policy allows one")
-    areas = np.bincount(component, Surface(raw.vertices, faces).face_areas, minlength=count)
-    largest = int(areas.argmax())
-    share = areas[largest] / areas.sum() if areas.sum() > 0 else 0.0
-    note = f"{count} components: kept the largest, with {share:.1%} of the area"
-    return faces[component == largest], replace(report, components=count, notes=(*report.notes, note))
+    note = f"{count:,} components: kept the largest, with {share:.1%} of the area"
+    return Surface(surface.vertices, faces, report.adding(note))
 
 
-def _count(faces: Ints, raw: Surface, report: MeshReport) -> MeshReport:
-    edges = find_edges(faces, len(raw.vertices))
-    isolated = len(raw.vertices) - len(raw.used_vertices)
-    notes = [
-        f"{count} {what}"
-        for count, what in (
-            (isolated, "vertices belong to no face: distances to them are infinite"),
-            (edges.boundary, "boundary edges: the surface is open"),
-            (edges.nonmanifold, "edges have three faces or more"),
-        )
-        if count
-    ]
-    return replace(
-        report,
-        boundary_edges=edges.boundary,
-        nonmanifold_edges=edges.nonmanifold,
-        isolated_vertices=isolated,
-        notes=(*report.notes, *notes),
+def _simplified(surface: Surface, most: int) -> Surface:
+    simple = simplify(surface, most)
+    relative = simple.deviation / surface.area**0.5
+    lost = int((simple.vertex_map[surface.used_vertices] < 0).sum())
+    note = (
+        f"simplified from {len(surface.used_vertices):,} to {len(simple.vertices):,} vertices: none was farther from "
+        f"the result than {simple.deviation:.3g}, {relative:.2%} of the square root of the area"
     )
+    if lost:
+        note += f"; {counted_noun(lost, 'vertex has', 'vertices have')} no counterpart: their component vanished"
+    report = surface.report.adding(
+        note, simplified_vertices=len(simple.vertices), deviation=simple.deviation, relative_deviation=relative
+    )
+    result = Surface(simple.vertices, simple.faces, report, simple.vertex_map)
+    if not result.area > 0:
+        raise MeshGeometryError(f"simplified to {most:,} vertices, every face has zero area")
+    return result
+
+
+def _bridged(surface: Surface) -> Surface:
+    bridges = bridge(surface)
+    count = len(bridges.lengths)
+    if count == 0:
+        return surface
+    longest = float(bridges.lengths.max())
+    note = (
+        f"{counted_noun(count, 'link', 'links')} between {count + 1:,} components added, the longest {longest:.3g} "
+        f"long; {bridges.area / surface.area:.2%} was added to the area"
+    )
+    report = surface.report.adding(note, links=count, longest_link=longest, link_area=bridges.area)
+    return Surface(surface.vertices, np.concatenate([surface.faces, bridges.faces]), report, surface.vertex_map)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
 
 
 @dataclass(frozen=True)
 class MeshReport:
-    """Counts of what a file held, before repair, and one sentence for each thing that was done about it."""
+    """Counts of what a mesh held, before repair, and in `notes` one sentence for each thing found or done.
+
+    Faces are counted as they were given, and so is what makes a face useless. Edges, loops, fans and orientation
+    are those of the faces kept, before links are added and before simplification.
+    """
 
     file_type: str = ""
     vertices: int = 0
@@ -16,10 +21,71 @@ class MeshReport:
     boundary_edges: int = 0
     nonmanifold_edges: int = 0
     degenerate_faces: int = 0
+    """Faces that repeat a vertex; dropped."""
     duplicate_faces: int = 0
+    """Faces with the corners of an earlier one, in any order; dropped."""
     isolated_vertices: int = 0
     notes: tuple[str, ...] = ()
+    nonfinite_vertices: int = 0
+    """Vertices of faces with a coordinate that is NaN or infinite."""
+    nonfinite_faces: int = 0
+    """Faces that use such a vertex; dropped."""
+    zero_area_faces: int = 0
+    """Faces of three different vertices that lie on a line; kept, for they may connect others."""
+    coincident_vertices: int = 0
+    """Used vertices at the very place of a used one with a lower index; not welded."""
+    boundary_loops: int = 0
+    """Rings of boundary edges, around holes or the whole surface."""
+    nonmanifold_vertices: int = 0
+    """Vertices where fans of faces meet that no edge connects."""
+    misoriented_edges: int = 0
+    """Edges whose two faces run around in different directions; distances do not depend on it."""
+    links: int = 0
+    """Faces added to link components."""
+    longest_link: float = 0.0
+    """Length of the longest link, in units of the mesh."""
+    link_area: float = 0.0
+    """Area that links add, in squared units of the mesh."""
+    simplified_vertices: int | None = None
+    """Vertices after simplification, None where there was none."""
+    deviation: float | None = None
+    """Largest distance of a vertex of the mesh from the simplified surface, in units of the mesh."""
+    relative_deviation: float | None = None
+    """`deviation` over the square root of the mesh's area."""
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON values."""
         return asdict(self) | {"notes": list(self.notes)}
+
+    def adding(self, note: str | None = None, **counts: Any) -> MeshReport:
+        """Return the report with further values and, where there is one, a note."""
+        return replace(self, **counts, notes=(*self.notes, note) if note else self.notes)
+
+    def described(self) -> MeshReport:
+        """Return the report with a note for each count that is not zero, before the notes it has."""
+        counted = [
+            f"{counted_noun(count, one, many)}{rest}"
+            for field, one, many, rest in _SENTENCES
+            if (count := getattr(self, field)) > 0
+        ]
+        return replace(self, notes=(*counted, *self.notes))
+
+
+def counted_noun(count: int, one: str, many: str) -> str:
+    """Return a number with its noun: "1 face", "12,000 faces"."""
+    return f"{count:,} {one if count == 1 else many}"
+
+
+_SENTENCES: Final = (
+    ("nonfinite_faces", "face", "faces", " with a coordinate that is not finite: dropped"),
+    ("degenerate_faces", "face", "faces", " with a repeated vertex: dropped"),
+    ("duplicate_faces", "duplicate face", "duplicate faces", ": dropped"),
+    ("zero_area_faces", "face", "faces", " of zero area: kept"),
+    ("isolated_vertices", "vertex", "vertices", " in no face: distances to there are infinite"),
+    ("coincident_vertices", "vertex", "vertices", " at the place of another: not welded"),
+    ("boundary_edges", "boundary edge", "boundary edges", ": the surface is open"),
+    ("boundary_loops", "ring", "rings", " of boundary edges: holes or outer rims"),
+    ("nonmanifold_edges", "edge", "edges", " with three faces or more"),
+    ("nonmanifold_vertices", "vertex", "vertices", " where separate fans of faces meet"),
+    ("misoriented_edges", "edge", "edges", " between faces of opposite orientation"),
+)

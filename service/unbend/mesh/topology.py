@@ -1,14 +1,13 @@
-"""Edges, neighbours across them, and connected components of a triangle list."""
+"""Edges of a triangle list, and neighbours across them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from unbend.arrays import Indices, Ints
+from unbend.arrays import Ints
+from unbend.jit import inlined, kernel
 
 
 @dataclass(frozen=True)
@@ -19,9 +18,9 @@ class Edges:
     edge stand together; `starts` says where each edge begins in that order, `counts` how many faces it has.
     """
 
-    order: Indices  # (3 m,)
-    starts: Indices  # (e,)
-    counts: Indices  # (e,)
+    order: Ints  # (3 m,) int32
+    starts: Ints  # (e,) int32
+    counts: Ints  # (e,) int32
 
     @property
     def boundary(self) -> int:
@@ -33,34 +32,64 @@ class Edges:
         """Number of edges with three faces or more."""
         return int((self.counts > 2).sum())
 
-    def twins(self) -> Indices:
-        """For each half-edge the next one of the same edge, cyclically, or -1 on the boundary, (3 m,)."""
-        following = np.arange(1, len(self.order) + 1)
-        last = self.starts + self.counts - 1
-        following[last] = self.starts
-        twins = np.empty(len(self.order), np.int64)
-        twins[self.order] = self.order[following]
-        twins[self.order[self.starts[self.counts == 1]]] = -1
+    def twins(self) -> Ints:
+        """For each half-edge the next one of the same edge, cyclically, or -1 on the boundary, (3 m,) int32."""
+        twins: Ints = _twins(self.order, self.starts, self.counts)
         return twins
 
 
 def find_edges(faces: Ints, vertex_count: int) -> Edges:
-    """Find the edges of `faces` (m, 3)."""
-    tails = faces[:, [1, 2, 0]].ravel().astype(np.int64)
-    heads = faces[:, [2, 0, 1]].ravel().astype(np.int64)
-    keys = np.minimum(tails, heads) * vertex_count + np.maximum(tails, heads)
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    return Edges(order, starts, np.diff(np.append(starts, len(keys))))
+    """Find the edges of `faces` (m, 3): O(n + m)."""
+    order = np.empty(3 * len(faces), np.int32)
+    spare = np.arange(3 * len(faces), dtype=np.int32)
+    _sort_by_end(faces, vertex_count, True, spare, order)
+    _sort_by_end(faces, vertex_count, False, order, spare)
+    starts = _edge_starts(faces, spare)
+    return Edges(spare, starts, np.diff(starts, append=np.int32(len(spare))).astype(np.int32))
 
 
-def face_components(faces: Ints, vertex_count: int) -> tuple[int, Ints]:
-    """Return the number of components and each face's component, (m,); faces touch at a shared vertex."""
-    pairs = faces[:, [0, 1]], faces[:, [1, 2]]
-    rows = np.concatenate([pair[:, 0] for pair in pairs])
-    columns = np.concatenate([pair[:, 1] for pair in pairs])
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(vertex_count, vertex_count))
-    _, of_vertex = connected_components(graph, directed=False)
-    used, of_face = np.unique(of_vertex[faces[:, 0]], return_inverse=True)
-    return len(used), of_face.astype(np.int32)
+@inlined
+def _end(a, b, larger):
+    return max(a, b) if larger else min(a, b)
+
+
+@kernel
+def _sort_by_end(faces, vertex_count, larger, before, after):
+    """Sort half-edges by their larger or smaller vertex, keeping the order of equal ones: a counting sort."""
+    places = np.zeros(vertex_count + 1, np.int32)
+    for half_edge in range(len(before)):
+        face, corner = half_edge // 3, half_edge % 3
+        places[_end(faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3], larger) + 1] += 1
+    for vertex in range(vertex_count):
+        places[vertex + 1] += places[vertex]
+    for half_edge in before:
+        face, corner = half_edge // 3, half_edge % 3
+        end = _end(faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3], larger)
+        after[places[end]] = half_edge
+        places[end] += 1
+
+
+@kernel
+def _edge_starts(faces, order):
+    starts = np.empty(len(order), np.int32)
+    count = 0
+    low_before, high_before = np.int32(-1), np.int32(-1)
+    for index in range(len(order)):
+        face, corner = order[index] // 3, order[index] % 3
+        a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+        low, high = min(a, b), max(a, b)
+        if low != low_before or high != high_before:
+            starts[count] = index
+            count += 1
+            low_before, high_before = low, high
+    return starts[:count].copy()
+
+
+@kernel
+def _twins(order, starts, counts):
+    twins = np.empty(len(order), np.int32)
+    for edge in range(len(starts)):
+        for index in range(counts[edge]):
+            following = starts[edge] + (index + 1) % counts[edge]
+            twins[order[starts[edge] + index]] = order[following] if counts[edge] > 1 else -1
+    return twins

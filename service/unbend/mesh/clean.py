@@ -1,0 +1,88 @@
+"""Faces that say nothing about a surface, and counts that need no neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.arrays import Floats, Ints
+from unbend.errors import MeshGeometryError
+from unbend.mesh.report import MeshReport
+from unbend.mesh.rows import equal_faces, equal_points
+from unbend.mesh.surface import Surface
+from unbend.tolerances import DEGENERATE_HEIGHT
+
+
+def cleaned(vertices: Floats, faces: Ints, report: MeshReport) -> Surface:
+    """Return the surface of all faces that say something, with what was found in its report.
+
+    Dropped are faces that use a coordinate that is not finite, that repeat a vertex, or that have the corners of
+    an earlier face. Faces of zero area stay: they may be what connects two others.
+
+    Raises
+    ------
+    MeshGeometryError
+        If no face with an area is left; a vertex that is not finite is named.
+    """
+    faces, nonfinite, report = _drop_nonfinite(vertices, faces, report)
+    faces, report = drop_repeats(faces, len(vertices), report)
+    problem = "no face has three different vertices"
+    if len(faces):
+        surface = Surface(vertices, faces)
+        if surface.area > 0:
+            return surface.with_report(_count_places(surface, report))
+        problem = "every face has zero area"
+    if len(nonfinite):
+        row = int(nonfinite[0])
+        raise MeshGeometryError(
+            f"vertex {row} has coordinates {vertices[row].tolist()}, which are not finite, and no face with an area "
+            "is without such a vertex"
+        )
+    raise MeshGeometryError(problem)
+
+
+def drop_repeats(faces: Ints, vertex_count: int, report: MeshReport) -> tuple[Ints, MeshReport]:
+    """Drop faces that repeat a vertex or an earlier face."""
+    a, b, c = faces.T
+    repeats = (a == b) | (b == c) | (c == a)
+    degenerate = int(repeats.sum())
+    if degenerate:
+        faces = faces[~repeats]
+    first = equal_faces(faces, vertex_count) == np.arange(len(faces))
+    duplicate = len(faces) - int(first.sum())
+    if duplicate:
+        faces = faces[first]
+    return faces, report.adding(degenerate_faces=degenerate, duplicate_faces=duplicate)
+
+
+def _drop_nonfinite(vertices: Floats, faces: Ints, report: MeshReport) -> tuple[Ints, Ints, MeshReport]:
+    if np.isfinite(vertices).all():
+        return faces, faces[:0, 0], report
+    bad = np.zeros(len(vertices), bool)
+    bad[np.flatnonzero(~np.isfinite(vertices).all(axis=1))] = True
+    touching = np.flatnonzero(bad[faces].any(axis=1))
+    corners = faces[touching].ravel()
+    culprits = np.unique(corners[bad[corners]])
+    counted = report.adding(nonfinite_faces=len(touching), nonfinite_vertices=len(culprits))
+    return np.delete(faces, touching, axis=0), culprits, counted
+
+
+def _count_places(surface: Surface, report: MeshReport) -> MeshReport:
+    used = surface.used_vertices
+    every = len(used) == len(surface.vertices)
+    points = surface.vertices if every else surface.vertices[used]
+    return report.adding(
+        isolated_vertices=len(surface.vertices) - len(used),
+        coincident_vertices=int((equal_points(points) != np.arange(len(points))).sum()),
+        zero_area_faces=_count_slivers(surface),
+    )
+
+
+def _count_slivers(surface: Surface) -> int:
+    # No edge is longer than the extent's diagonal, so few faces need their edges measured.
+    limit = DEGENERATE_HEIGHT * surface.extent * 3**0.5
+    thin = np.flatnonzero(2 * surface.face_areas <= limit * surface.extent * 3**0.5)
+    corners = surface.vertices[surface.faces[thin]] / surface.extent
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = np.sqrt((edges**2).sum(axis=2).max(axis=1))
+    heights_times_longest = 2 * surface.face_areas[thin] / surface.extent**2
+    return int((heights_times_longest <= DEGENERATE_HEIGHT * longest**2).sum())

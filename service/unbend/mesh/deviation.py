@@ -1,0 +1,116 @@
+"""How far points lie from a triangulated surface, exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.arrays import Floats, Indices, Ints
+from unbend.jit import inlined, kernel
+from unbend.mesh.boxes import LEAF, box_distance, build_boxes
+from unbend.tolerances import DEGENERATE_HEIGHT
+
+
+def largest_distance(points: Floats, vertices: Floats, faces: Ints, near: Indices) -> float:
+    """Return the largest distance of any of `points` (k, 3) from the triangles `faces` (m, 3) of `vertices`.
+
+    `near` (k,) names for each point a vertex that may be near it, -1 for none. A point that is nearer to the faces
+    there than the farthest point so far needs no search; so the points farthest from such faces come first.
+    """
+    low = vertices.min(axis=0)
+    scale = float((vertices.max(axis=0) - low).max()) or 1.0
+    points, corners = (points - low) / scale, ((vertices - low) / scale)[faces]
+    around = np.argsort(faces.ravel(), kind="stable") // 3
+    offsets = np.append(0, np.cumsum(np.bincount(faces.ravel(), minlength=len(vertices))))
+    bounds = _fan_distances(points, corners, near, around, offsets)
+    order = np.argsort(-bounds)
+    tree = build_boxes(corners.min(axis=1), corners.max(axis=1))
+    squared = _farthest(points[order], bounds[order], corners[tree.order], tree.lower, tree.upper)
+    return scale * float(np.sqrt(squared))
+
+
+@inlined
+def _cross(a0: float, a1: float, a2: float, b0: float, b1: float, b2: float) -> tuple[float, float, float]:
+    return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+
+
+@inlined
+def _triple(n0: float, n1: float, n2: float, a0: float, a1: float, a2: float, b0: float, b1: float, b2: float) -> float:
+    return n0 * (a1 * b2 - a2 * b1) + n1 * (a2 * b0 - a0 * b2) + n2 * (a0 * b1 - a1 * b0)
+
+
+@inlined
+def _segment_distance(a0: float, a1: float, a2: float, b0: float, b1: float, b2: float) -> float:
+    """Squared distance of the origin from a segment."""
+    e0, e1, e2 = b0 - a0, b1 - a1, b2 - a2
+    square = e0 * e0 + e1 * e1 + e2 * e2
+    along = min(1.0, max(0.0, -(a0 * e0 + a1 * e1 + a2 * e2) / square)) if square > 0.0 else 0.0
+    return (a0 + along * e0) ** 2 + (a1 + along * e1) ** 2 + (a2 + along * e2) ** 2
+
+
+@kernel
+def triangle_distance(corners: Floats, face: int, x: float, y: float, z: float) -> float:
+    """Return the squared distance of a point from a triangle of any shape; it may be a line or a point."""
+    a0, a1, a2 = corners[face, 0, 0] - x, corners[face, 0, 1] - y, corners[face, 0, 2] - z
+    b0, b1, b2 = corners[face, 1, 0] - x, corners[face, 1, 1] - y, corners[face, 1, 2] - z
+    c0, c1, c2 = corners[face, 2, 0] - x, corners[face, 2, 1] - y, corners[face, 2, 2] - z
+    ab = _segment_distance(a0, a1, a2, b0, b1, b2)
+    bc = _segment_distance(b0, b1, b2, c0, c1, c2)
+    ca = _segment_distance(c0, c1, c2, a0, a1, a2)
+    n0, n1, n2 = _cross(b0 - a0, b1 - a1, b2 - a2, c0 - a0, c1 - a1, c2 - a2)
+    square = n0 * n0 + n1 * n1 + n2 * n2
+    longest = max(
+        (b0 - a0) ** 2 + (b1 - a1) ** 2 + (b2 - a2) ** 2,
+        (c0 - b0) ** 2 + (c1 - b1) ** 2 + (c2 - b2) ** 2,
+        (a0 - c0) ** 2 + (a1 - c1) ** 2 + (a2 - c2) ** 2,
+    )
+    nearest = min(ab, bc, ca)
+    if square <= (DEGENERATE_HEIGHT * longest) ** 2:
+        return nearest  # no normal to speak of, and no point inside that is not as near to an edge
+    if (
+        _triple(n0, n1, n2, a0, a1, a2, b0, b1, b2) >= 0.0
+        and _triple(n0, n1, n2, b0, b1, b2, c0, c1, c2) >= 0.0
+        and _triple(n0, n1, n2, c0, c1, c2, a0, a1, a2) >= 0.0
+    ):
+        height = n0 * a0 + n1 * a1 + n2 * a2
+        nearest = min(nearest, height * height / square)
+    return nearest
+
+
+@kernel
+def _fan_distances(points: Floats, corners: Floats, near: Indices, around: Indices, offsets: Indices) -> Floats:
+    """Squared distance of each point from the faces around a vertex, infinite where that is -1."""
+    distances = np.full(len(points), np.inf)
+    for i in range(len(points)):
+        if near[i] >= 0:
+            x, y, z = points[i]
+            for place in range(offsets[near[i]], offsets[near[i] + 1]):
+                distances[i] = min(distances[i], triangle_distance(corners, around[place], x, y, z))
+    return distances
+
+
+@kernel
+def _farthest(points: Floats, bounds: Floats, corners: Floats, lower: Floats, upper: Floats) -> float:
+    """Return the largest squared distance of a point from the nearest triangle, no more than its bound."""
+    stack = np.empty(64, np.int64)
+    leaves = len(lower) // 2
+    farthest = 0.0
+    for i in range(len(points)):
+        x, y, z = points[i]
+        nearest = bounds[i]
+        stack[0], top = 1, 0
+        while top >= 0 and nearest > farthest:  # nearer than the farthest so far: how much nearer does not matter
+            node = stack[top]
+            top -= 1
+            if box_distance(lower, upper, node, x, y, z) >= nearest:
+                continue
+            if node < leaves:
+                left = box_distance(lower, upper, 2 * node, x, y, z)
+                right = box_distance(lower, upper, 2 * node + 1, x, y, z)
+                stack[top + 1] = 2 * node if left > right else 2 * node + 1
+                stack[top + 2] = 2 * node + 1 if left > right else 2 * node  # the nearer one is looked at first
+                top += 2
+                continue
+            for j in range(LEAF * (node - leaves), min(LEAF * (node - leaves + 1), len(corners))):
+                nearest = min(nearest, triangle_distance(corners, j, x, y, z))
+        farthest = max(farthest, nearest)
+    return farthest

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+_READ: Final = 0  # the arguments of LLVM's prefetch: for reading, to stay in all caches, as data
+_KEEP: Final = 3
+_DATA: Final = 1
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -20,5 +28,27 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function` as a part of the kernels that call it."""
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")(function))
+    """Compile `function`, which takes and returns scalars, as a part of the kernels that call it.
+
+    Inner loops pass it no arrays: Numba counts references to an array at each call, which costs more than the
+    arithmetic does.
+    """
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy")(function))
+
+
+def _prefetch(_typing_context: Any, array: Any, _byte: Any) -> Any:
+    """Ask for the cache line of `array` at an offset in bytes: a kernel that knows what it reads next need not wait."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        address = builder.gep(builder.bitcast(data, pointer), [arguments[1]])
+        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [address, number(_READ), number(_KEEP), number(_DATA)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), generate
+
+
+prefetch: Any = intrinsic(_prefetch)

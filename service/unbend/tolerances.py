@@ -11,8 +11,27 @@ In double precision a height is known to about 1e-16 of the edge; six digits abo
 coordinates of `geodesics.stencils` still keep six digits.
 """
 
-START_DISC_EDGES: Final = 3.0
-"""Radius, in mean edges at the source, of the disc that planar fast marching starts with already unfolded."""
+START_DEPTH: Final = 3
+"""Triangles beyond the first that a source looks through in the exact start of its front, at least."""
+
+PLANAR_START: Final = 0.1
+"""Radius, in edges by the root of the number of triangles, of the disc in which planar marching updates spherically.
+
+A fixed share of the surface: a front is round near its source, and what the planar update errs there it carries
+everywhere. With a disc of a fixed number of edges the error falls more slowly than the edge length.
+"""
+
+PLANAR_START_EDGES: Final = 3.0
+"""The least radius of that disc, in mean edges."""
+
+RAY_MARGIN: Final = 1e-6
+"""How far, as a share of the segment, a ray may miss its end: rounding must not lose a ray through a vertex."""
+
+MARCHING_DECREASE: Final = 1e-6
+"""A distance is lowered again only by more than this share of it: single precision keeps 6e-8."""
+
+SAMPLING_TIE: Final = 1e-4
+"""Vertices this near to the farthest, as a share of its distance, count as equally far: the first is sampled."""
 
 UNFOLDING_STEPS: Final = 12
 """Triangles an obtuse corner is unfolded over before it is left as it is.

@@ -11,12 +11,15 @@ from oracles import exact_distances, grid, mean_relative_error
 from unbend import Surface, geodesic_distances, geodesic_matrix, read_mesh
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import sampled_matrix
-from unbend.geodesics.stencils import build_stencils
+from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.shapes import sphere, torus
 
-# Mean relative errors of the best prototypes known to us, which no mesh here may exceed by more than a tenth.
-REFERENCE = {"spherical": 0.0073, "planar": 0.0262}
-MARGIN = 1.1
+# Mean relative errors nothing here may exceed: half a percent, and the best planar prototype known to us.
+SPHERICAL = 0.005
+PLANAR = {"shrec11_simplified": 0.0262, "faust5k": 0.0155, "tosca5k": 0.0096, "single": 0.0155, "torus": 0.0064}
+
+SINGLE_PRECISION = 1e-6
+"""What rounding may add up to: a distance is marched in single precision, which keeps 6e-8."""
 
 
 @pytest.mark.parametrize("shear", [0.0, 0.5, 1.5])
@@ -25,21 +28,25 @@ def test_spherical_marching_is_exact_on_flat_sheets(shear):
     distances = geodesic_distances(surface, [0])[0]
     straight = np.linalg.norm(surface.vertices - surface.vertices[0], axis=1)
     # A sheared sheet is still convex, so straight lines are geodesics.
-    assert mean_relative_error(distances, straight) < 1e-9
+    assert mean_relative_error(distances, straight) < SINGLE_PRECISION
 
 
 def test_error_on_the_sheared_sheet_vanishes_under_refinement():
     errors = []
-    for size in (80, 160, 320):  # where the start disc is small beside the sheet
+    for size in (80, 160, 320):
         surface = grid(size, size, 1.5)
         middle = (size // 2) * (size + 1) + size // 2
         exact = np.linalg.norm(surface.vertices - surface.vertices[middle], axis=1)
         errors.append(mean_relative_error(geodesic_distances(surface, middle, update="planar")[0], exact))
-    assert errors[2] < errors[1] < errors[0]
-    assert errors[2] < 0.6 * errors[0]
+    assert orders_of(errors).min() > 0.95
 
 
-@pytest.mark.parametrize(("update", "bound"), [("spherical", 0.0059), ("planar", 0.0155)])
+def orders_of(errors):
+    """Return the order of convergence between successive refinements, each of half the edge length."""
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+@pytest.mark.parametrize(("update", "bound"), [("spherical", SPHERICAL), ("planar", PLANAR["single"])])
 def test_the_sphere_against_exact_geodesics(update, bound):
     surface = sphere(subdivisions=4)
     sources = np.array([0, 1000])
@@ -47,32 +54,27 @@ def test_the_sphere_against_exact_geodesics(update, bound):
     assert errors < bound
 
 
-def test_distances_on_the_sphere_converge():
+@pytest.mark.parametrize(("update", "levels"), [("spherical", (2, 3, 4, 5, 6)), ("planar", (3, 4, 5, 6))])
+def test_distances_on_the_sphere_converge_in_the_first_order(update, levels):
     errors = []
-    for subdivisions in (2, 3, 4):
+    for subdivisions in levels:
         surface = sphere(subdivisions=subdivisions)
-        exact = np.arccos(np.clip(surface.vertices @ surface.vertices[0], -1, 1))
-        errors.append(mean_relative_error(geodesic_distances(surface, 0)[0], exact))
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert orders.min() > 0.95  # h halves at each step
+        sources = [0, len(surface.vertices) // 2]
+        exact = np.arccos(np.clip(surface.vertices[sources] @ surface.vertices.T, -1, 1))
+        errors.append(mean_relative_error(geodesic_distances(surface, sources, update=update), exact))
+    assert orders_of(errors).min() > 0.95
 
 
-@pytest.mark.parametrize(
-    ("update", "sources", "bound"),
-    [
-        ("spherical", [0], 0.00075 * MARGIN),
-        ("spherical", [4000, 8000, 12000], 0.0012),  # inside the ring, where curvature is negative
-        ("planar", [0, 4000, 8000, 12000], 0.0064 * MARGIN),
-    ],
-)
-def test_the_torus_against_exact_geodesics(update, sources, bound):
+@pytest.mark.parametrize(("update", "bound"), [("spherical", 0.001), ("planar", PLANAR["torus"])])
+def test_the_torus_against_exact_geodesics(update, bound):
     surface = torus(columns=160, rows=100)
+    sources = np.array([0, 4000, 8000, 12000])
     errors = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
     assert errors < bound
 
 
-@pytest.mark.parametrize("update", ["spherical", "planar"])
-def test_coarse_real_meshes_against_exact_geodesics(labelled, update):
+@pytest.mark.parametrize(("update", "bound"), [("spherical", SPHERICAL), ("planar", PLANAR["shrec11_simplified"])])
+def test_coarse_real_meshes_against_exact_geodesics(labelled, update, bound):
     errors = []
     for path, _ in labelled("shrec11_simplified")[::16]:
         surface = read_mesh(path)
@@ -80,19 +82,22 @@ def test_coarse_real_meshes_against_exact_geodesics(labelled, update):
         distances = geodesic_distances(surface, sources, update=update)
         errors.append(mean_relative_error(distances, exact_distances(surface, sources)))
     assert len(errors) == 30
-    assert np.mean(errors) < REFERENCE[update] * MARGIN
+    assert np.mean(errors) < bound
 
 
-@pytest.mark.parametrize(("update", "bound"), [("spherical", 0.0059), ("planar", 0.0155)])
+@pytest.mark.parametrize("update", ["spherical", "planar"])
 @pytest.mark.parametrize(
     "name",
-    ["faust5k/tr_reg_000.off", "tosca5k/cat0.off", "tosca5k/horse0.off", "single/human_man.obj", "single/bunny.obj"],
-)
-def test_five_real_meshes_against_exact_geodesics(shared_data, name, update, bound):
+    [
+        "faust5k/tr_reg_000.off", "tosca5k/cat0.off", "tosca5k/centaur0.off", "tosca5k/horse0.off",
+        "single/human_man.obj", "single/bunny.obj", "single/armadillo.obj",
+    ],
+)  # fmt: skip
+def test_real_meshes_against_exact_geodesics(shared_data, name, update):
     surface = read_mesh(shared_data / name)
     sources = np.linspace(0, len(surface.vertices) - 1, 4).astype(int)
     error = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
-    assert error < bound * MARGIN
+    assert error < (SPHERICAL if update == "spherical" else PLANAR[name.split("/")[0]])
 
 
 @pytest.mark.parametrize("name", ["teapot", "suzanne", "beetle", "cow", "human_neutral", "truck"])
@@ -102,7 +107,7 @@ def test_messy_real_meshes_give_finite_distances_on_the_kept_component(shared_da
     distances = geodesic_distances(surface, used[0])[0]
     straight = np.linalg.norm(surface.vertices - surface.vertices[used[0]], axis=1)
     assert np.isfinite(distances[used]).all()
-    assert (distances[used] >= straight[used] * (1 - 1e-9)).all()
+    assert (distances[used] >= straight[used] * (1 - SINGLE_PRECISION)).all()
     assert np.isinf(np.delete(distances, used)).all()
 
 
@@ -115,7 +120,7 @@ def test_on_crumpled_sheets_no_edge_is_outrun_and_distances_are_near_exact_ones(
     distances = geodesic_distances(surface, source)[0]
     a, b = surface.faces[:, [0, 1, 2]].ravel(), surface.faces[:, [1, 2, 0]].ravel()
     lengths = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
-    assert (np.abs(distances[a] - distances[b]) <= lengths * (1 + 1e-9)).all()
+    assert (np.abs(distances[a] - distances[b]) <= lengths + SINGLE_PRECISION * distances.max()).all()
     assert distances[source] == 0
     # A virtual source stands for a front that is round, which it is not behind a ridge: single distances err by
     # a tenth or more on sheets as crumpled as these, the mean by a fraction of a percent.
@@ -134,7 +139,7 @@ def test_relabelling_and_moving_the_mesh_changes_nothing(seed):
         3.0 * surface.vertices[order] + [5, -2, 1], place[surface.faces][rng.permutation(len(surface.faces))]
     )
     np.testing.assert_allclose(
-        geodesic_distances(moved, place[3])[0][place], 3.0 * geodesic_distances(surface, 3)[0], rtol=1e-9
+        geodesic_distances(moved, place[3])[0][place], 3.0 * geodesic_distances(surface, 3)[0], rtol=SINGLE_PRECISION
     )
 
 
@@ -153,7 +158,7 @@ def test_the_matrix_is_symmetric_and_its_asymmetry_is_told():
     np.testing.assert_array_equal(matrix, matrix.T)
     assert not np.diagonal(matrix).any()
     rows = geodesic_distances(surface, samples)[:, samples]
-    asymmetry = sampled_matrix(build_stencils(surface), samples).asymmetry
+    asymmetry = sampled_matrix(stencils_of(surface), samples).asymmetry
     assert asymmetry == pytest.approx(np.abs(rows - rows.T).max() / rows.max())
     assert 0 < asymmetry < 0.05
 
@@ -171,7 +176,7 @@ def test_degenerate_and_duplicate_triangles_and_nonmanifold_edges_do_no_harm():
     fin = [*flat.vertices, [2, 2, 3.0], [2.5, 2.5, 0.0], flat.vertices[12]]
     faces = [*flat.faces, flat.faces[3], [12, 13, 25], [12, 18, 26], [12, 27, 13]]
     distances = geodesic_distances(Surface(fin, faces), 0)[0]
-    np.testing.assert_allclose(distances[:25], np.linalg.norm(flat.vertices, axis=1), rtol=1e-9)
+    np.testing.assert_allclose(distances[:25], np.linalg.norm(flat.vertices, axis=1), rtol=SINGLE_PRECISION)
     assert np.isfinite(distances).all()
 
 

@@ -11,7 +11,7 @@ from oracles import grid
 from unbend import Surface, farthest_point_sampling, geodesic_distances
 from unbend.errors import ParameterError
 from unbend.geodesics.sampling import sample_farthest
-from unbend.geodesics.stencils import build_stencils
+from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.shapes import sphere, torus
 
 
@@ -27,7 +27,7 @@ def test_each_sample_is_the_farthest_from_those_before():
 
 def test_the_cells_are_those_of_the_nearest_sample():
     surface = sphere(subdivisions=3)
-    sampling = sample_farthest(surface, build_stencils(surface), 12)
+    sampling = sample_farthest(surface, stencils_of(surface), 12)
     rows = geodesic_distances(surface, sampling.samples)
     chosen = rows[sampling.nearest, np.arange(len(surface.vertices))]
     assert (chosen <= rows.min(axis=0) * 1.02 + 1e-12).all()

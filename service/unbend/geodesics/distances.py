@@ -14,15 +14,14 @@ from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import ParameterError
-from unbend.geodesics.heap import heap_arrays
-from unbend.geodesics.marching import march_rows
-from unbend.geodesics.stencils import Stencils, build_stencils
+from unbend.geodesics.fronts import march_each
+from unbend.geodesics.stencils import Stencils, stencils_of
 from unbend.mesh.surface import Surface
 
 Update = Literal["spherical", "planar"]
 Progress = Callable[[float], None]
 
-_BLOCKS_PER_THREAD = 8  # enough to even out slow rows and to show progress
+_PARTS_PER_THREAD = 8  # enough to even out slow rows and to show progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +60,7 @@ def geodesic_distances(
     ParameterError
         If a source is not a vertex, or `update` or `threads` is not one of the values above.
     """
-    stencils = build_stencils(surface)
-    return distance_rows(stencils, check_vertices(surface, sources, "sources"), None, update, threads)
+    return distance_rows(stencils_of(surface), check_vertices(surface, sources, "sources"), None, update, threads)
 
 
 def geodesic_matrix(
@@ -78,9 +76,7 @@ def geodesic_matrix(
         The smaller of both directions, for fast marching is not exactly symmetric and errs on the long side
         (against exact geodesics the smaller is nearer than the mean); inf between components.
     """
-    return sampled_matrix(
-        build_stencils(surface), check_vertices(surface, samples, "samples"), update, threads
-    ).distances
+    return sampled_matrix(stencils_of(surface), check_vertices(surface, samples, "samples"), update, threads).distances
 
 
 def sampled_matrix(
@@ -113,33 +109,38 @@ def distance_rows(
     Threads take blocks of sources as they become free; each row is a computation of its own, so who computes
     it does not show. `progress` is told the share of rows done.
     """
-    if update not in get_args(Update):
-        raise ParameterError(f"update must be one of {get_args(Update)}, not {update!r}")
+    check_update(update)
     if threads is not None and threads < 1:
         raise ParameterError(f"threads must be at least 1, not {threads}")
-    count = stencils.vertex_count
     places = stencils.place if columns is None else stencils.place[columns]
     rows = np.empty((len(sources), len(places)))
-
-    def run(block: slice) -> int:
-        march_rows(
-            stencils.offsets, stencils.entries, stencils.place[sources[block]], places, update == "spherical",
-            rows[block], np.empty(count), np.empty(count, np.int32), *heap_arrays(count),
-        )  # fmt: skip
-        return int(block.stop)
-
-    workers = min(threads or available_cores(), len(sources))
-    blocks = _blocks(len(sources), workers)
-    if workers == 1:
-        _drain(map(run, blocks), len(sources), progress)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            _drain(pool.map(run, blocks), len(sources), progress)
+    starts = stencils.place[sources]
+    spherical = update == "spherical"
+    _share(
+        len(sources), threads, progress,
+        lambda part: march_each(stencils, starts[part], places, rows[part], spherical=spherical),
+    )  # fmt: skip
     return rows
 
 
-def _blocks(count: int, workers: int) -> list[slice]:
-    bounds = np.linspace(0, count, min(count, _BLOCKS_PER_THREAD * workers) + 1).astype(int)
+def _share(count: int, threads: int | None, progress: Progress | None, work: Callable[[slice], None]) -> None:
+    """Do `work` on parts of `count` items, in threads that take parts as they become free."""
+
+    def run(part: slice) -> int:
+        work(part)
+        return int(part.stop)
+
+    workers = min(threads or available_cores(), count)
+    parts = _parts(count, workers)
+    if workers == 1:
+        _drain(map(run, parts), count, progress)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            _drain(pool.map(run, parts), count, progress)
+
+
+def _parts(count: int, workers: int) -> list[slice]:
+    bounds = np.linspace(0, count, min(count, _PARTS_PER_THREAD * workers) + 1).astype(int)
     return [slice(int(start), int(stop)) for start, stop in pairwise(bounds)]
 
 
@@ -152,6 +153,12 @@ def _drain(stops: Iterator[int], total: int, progress: Progress | None) -> None:
 def available_cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def check_update(update: str) -> None:
+    """Raise ParameterError unless `update` is one of `Update`."""
+    if update not in get_args(Update):
+        raise ParameterError(f"update must be one of {get_args(Update)}, not {update!r}")
 
 
 def check_vertices(surface: Surface, indices: ArrayLike, what: str) -> Ints:

@@ -1,94 +1,154 @@
-"""The marching kernel: one source, one sweep over the vertices in the order of their distance."""
+"""The marching kernel: one front, from one source, in the order of its distance.
+
+A vertex's distance is the least that its slots give (see `stencils`), so the distances are the fixed point of the
+update equations, and the order of visits decides only how often a vertex is visited again. A queue of buckets, a fifth
+of an edge wide, needs about 1.2 visits a vertex; a heap's exact order costs more than it saves.
+"""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from unbend.geodesics.heap import pop, push_or_decrease
-from unbend.jit import inlined, kernel
-from unbend.tolerances import START_DISC_EDGES
+from unbend.geodesics.stencils import AX, BLOCK_BYTES, BX, BY, LINE_BYTES, PX, PY, SLOTS, A, B, P
+from unbend.geodesics.updates import planar_slot, spherical_slot
+from unbend.jit import kernel, prefetch
+from unbend.tolerances import MARCHING_DECREASE
+
+UNREACHED: Final = np.float32(np.inf)
+KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)
+
+BUCKETS: Final = 1024  # a power of two; edges of up to 200 mean edges find their own bucket
+PER_EDGE: Final = np.float32(5.0)
+
+_WAITING, _SEEDED = 1, 2  # what `queued` says of a vertex in a bucket
 
 
-@inlined
-def _planar(ua, ub, c, x, y):
-    """Distance of C from a plane front through A and B (Kimmel & Sethian 1998), inf if it comes from outside.
-
-    The front's unit gradient g has g . (B - A) = ub - ua; the ray back from C must meet the segment AB.
-    """
-    gx = (ub - ua) / c
-    if not -1.0 < gx < 1.0:
-        return np.inf
-    gy = np.sqrt(1.0 - gx * gx)
-    foot = x * gy - y * gx
-    if foot < 0.0 or foot > c * gy:
-        return np.inf
-    return ua + gx * x + gy * y
-
-
-@inlined
-def _spherical(ua, ub, c, x, y):
-    """Distance of C from the virtual point source that is ua from A and ub from B (Novotni & Klein 2002).
-
-    The source is unfolded to (sx, -sy) below AB; the segment from it to C must meet AB, otherwise inf.
-    """
-    sx = (ua * ua - ub * ub + c * c) / (2.0 * c)
-    sy = np.sqrt(max(0.0, ua * ua - sx * sx))
-    foot = sx * y + x * sy
-    height = y + sy
-    if foot < 0.0 or foot > c * height:
-        return np.inf
-    return np.sqrt((x - sx) * (x - sx) + height * height)
-
-
-@inlined
-def _mean_edge(offsets, entries, vertex):
-    total = 0.0
-    for index in range(offsets[vertex], offsets[vertex + 1]):
-        total += np.sqrt(entries[index].x ** 2 + entries[index].y ** 2)
-    return total / max(1, offsets[vertex + 1] - offsets[vertex])
+def front_arrays(count: int) -> tuple[np.ndarray, ...]:
+    """Return what `march` works on for `count` vertices: values, queued, next, heads, tails, slots, chosen."""
+    values = np.full(count + 1, UNREACHED, np.float32)  # the last stands for empty slots
+    queued = np.zeros(count + 1, np.uint8)
+    queued[count] = _WAITING  # nothing queues it
+    heads, tails = np.full(BUCKETS, -1, np.int32), np.full(BUCKETS, -1, np.int32)
+    slots, chosen = np.empty((4, SLOTS), np.float32), np.empty(2 * SLOTS + 1, np.int32)
+    return values, queued, np.empty(count + 1, np.int32), heads, tails, slots, chosen
 
 
 @kernel
-def march(offsets, entries, source, spherical, distance, owner, label, keys, items, position):
-    """March from `source` and lower `distance` wherever the front improves it; it stops where it does not.
+def march(stencils, seeds, limit, disc, width, reached, front):
+    """March from `seeds`, whose values are set; list the vertices reached in `reached` and return their number.
 
-    With `distance` all inf this is plain fast marching. With the distances to earlier sources it visits only
-    the new source's Voronoi cell, which is what makes farthest point sampling cheap. `owner` holds the label of
-    the front that accepted each vertex: two distances are combined only where one front gave both.
+    The front stops at vertices whose value is not below `limit`: with the distances to earlier sources, it visits
+    only the new source's Voronoi cell and the vertices that border it. Other values must be `UNREACHED`. As far as
+    `disc`, in mean edges, updates are spherical, beyond it planar. `width` is SLOTS, as a number the compiler does not
+    know: it would unroll the loop instead of vectorising it.
 
-    Near its source a front is nothing like a plane, and what the planar update errs there it carries everywhere;
-    so both updates start with a small disc of spherical ones, which unfold it exactly where it is flat.
+    One function, and loops that gather, compute and choose apart from each other: calls that pass arrays, and
+    branches that cannot be foreseen, cost more than the arithmetic (benchmarks/geodesics.py).
     """
-    disc = START_DISC_EDGES * _mean_edge(offsets, entries, source)
-    distance[source] = 0.0
-    size = push_or_decrease(keys, items, position, 0, source, 0.0)
-    while size > 0:
-        a, size = pop(keys, items, position, size)
-        owner[a] = label
-        ua = distance[a]
-        for index in range(offsets[a], offsets[a + 1]):
-            entry = entries[index]
-            target = entry.target
-            if owner[target] == label or distance[target] <= ua:
-                continue
-            x, y, c = entry.x, entry.y, entry.c
-            candidate = np.inf
-            if owner[entry.other] == label and c > 0.0:
-                ub = distance[entry.other]
-                candidate = _spherical(ua, ub, c, x, y) if spherical or ua <= disc else _planar(ua, ub, c, x, y)
-            if candidate == np.inf:  # the way along the edge; one through the triangle is never longer
-                candidate = ua + np.sqrt(x * x + y * y)
-            if candidate < distance[target]:
-                distance[target] = candidate
-                size = push_or_decrease(keys, items, position, size, target, candidate)
+    first, corners, shapes = stencils
+    values, queued, following, heads, tails, slots, chosen = front
+    mask = len(heads) - 1
+    last_round = np.int64(min(disc * PER_EDGE, 2.0**62))
+    pending = len(seeds)
+    count = len(seeds)
+    for index in range(len(seeds)):
+        v = seeds[index]
+        reached[index] = v
+        queued[v] = _SEEDED
+        append(heads, tails, following, min(np.int64(values[v] * PER_EDGE), mask), v)
+    now = 0
+    while pending > 0:
+        v = heads[now & mask]
+        if v < 0:
+            now += 1
+            continue
+        heads[now & mask] = following[v]
+        pending -= 1
+
+        new = UNREACHED
+        for block in range(first[v], first[v + 1]):
+            for slot in range(SLOTS):
+                slots[A, slot] = values[corners[block, A, slot]]
+                slots[B, slot] = values[corners[block, B, slot]]
+                slots[P, slot] = values[corners[block, P, slot]]
+            if now <= last_round:
+                for slot in range(width):
+                    slots[3, slot] = spherical_slot(
+                        slots[A, slot], slots[B, slot], slots[P, slot], shapes[block, AX, slot],
+                        shapes[block, BX, slot], shapes[block, BY, slot], shapes[block, PX, slot],
+                        shapes[block, PY, slot],
+                    )  # fmt: skip
+            else:
+                for slot in range(width):
+                    slots[3, slot] = planar_slot(
+                        slots[A, slot], slots[B, slot], slots[P, slot], shapes[block, AX, slot],
+                        shapes[block, BX, slot], shapes[block, BY, slot], shapes[block, PX, slot],
+                        shapes[block, PY, slot],
+                    )  # fmt: skip
+            for slot in range(SLOTS):
+                new = min(new, slots[3, slot])
+
+        old = values[v]
+        if queued[v] == _SEEDED:  # it passes on what it has
+            new = min(new, old)
+        elif not new < old * KEPT:
+            queued[v] = 0
+            continue
+        queued[v] = 0
+        if old == UNREACHED:
+            reached[count] = v
+            count += 1
+        values[v] = new
+        if new >= limit[v]:
+            continue
+
+        for block in range(first[v], first[v + 1]):
+            if first[v + 1] - first[v] > 1:
+                for slot in range(SLOTS):
+                    slots[A, slot] = values[corners[block, A, slot]]
+                    slots[P, slot] = values[corners[block, P, slot]]
+            size = 0
+            for slot in range(SLOTS):
+                chosen[size] = slot
+                size += (slots[A, slot] > new) & (queued[corners[block, A, slot]] == 0)
+            near = size
+            late = False  # a vertex that looks at v over an edge was visited before v: seldom
+            for slot in range(width):
+                late |= (slots[P, slot] > new) & (slots[P, slot] < UNREACHED)
+            if late:
+                for slot in range(SLOTS):
+                    chosen[size] = slot
+                    size += (slots[P, slot] > new) & (slots[P, slot] < UNREACHED)
+            for index in range(size):
+                slot = chosen[index]
+                w = corners[block, A if index < near else P, slot]
+                if queued[w] == 0:
+                    queued[w] = _WAITING
+                    pending += 1
+                    key = new + shapes[block, AX, slot] if index < near else values[w]
+                    bucket = min(max(int(key * PER_EDGE), now), now + mask) & mask
+                    following[w] = -1
+                    if heads[bucket] < 0:
+                        heads[bucket] = w
+                    else:
+                        following[tails[bucket]] = w
+                    tails[bucket] = w
+                    start = np.int64(first[w]) * BLOCK_BYTES
+                    prefetch(corners, start)
+                    prefetch(corners, start + LINE_BYTES)
+                    prefetch(corners, start + 2 * LINE_BYTES)
+                    prefetch(corners, start + 3 * LINE_BYTES)
+    return count
 
 
 @kernel
-def march_rows(offsets, entries, sources, columns, spherical, rows, distance, owner, keys, items, position):
-    """March from each of `sources` in turn and keep the distances at `columns` in `rows` (k, len(columns))."""
-    for row in range(len(sources)):
-        distance[:] = np.inf
-        owner[:] = -1
-        march(offsets, entries, sources[row], spherical, distance, owner, 0, keys, items, position)
-        for column in range(len(columns)):
-            rows[row, column] = distance[columns[column]]
+def append(heads, tails, following, bucket, vertex):
+    """Put `vertex` at the end of a bucket, a linked list."""
+    following[vertex] = -1
+    if heads[bucket] < 0:
+        heads[bucket] = vertex
+    else:
+        following[tails[bucket]] = vertex
+    tails[bucket] = vertex

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from unbend.arrays import Floats, Indices, Ints
+from unbend.arrays import Bools, Indices, Ints
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import check_vertices
-from unbend.geodesics.heap import heap_arrays
-from unbend.geodesics.marching import march
-from unbend.geodesics.stencils import Stencils, build_stencils
+from unbend.geodesics.fronts import spread
+from unbend.geodesics.marching import UNREACHED, front_arrays
+from unbend.geodesics.start import start_arrays
+from unbend.geodesics.stencils import SLOTS, Stencils, stencils_of
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
+from unbend.tolerances import SAMPLING_TIE
+
+_TIE: Final = np.float32(1.0 - SAMPLING_TIE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +55,7 @@ def farthest_point_sampling(surface: Surface, count: int, *, start: int | None =
     ParameterError
         If `count` or `start` is out of range.
     """
-    return sample_farthest(surface, build_stencils(surface), count, start=start).samples
+    return sample_farthest(surface, stencils_of(surface), count, start=start).samples
 
 
 def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: int | None = None) -> Sampling:
@@ -60,47 +66,47 @@ def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: 
     vertex_at = np.argsort(stencils.place)
     usable = np.zeros(len(vertex_at), bool)
     usable[stencils.place[used]] = True
-    first = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
-    samples, owner, distance = _sample(stencils.offsets, stencils.entries, usable, first, start is None, count)
-    nearest = owner[stencils.place]
-    radius = distance[np.isfinite(distance)].max(initial=0.0)
-    return Sampling(vertex_at[samples].astype(np.int64), nearest, float(radius))
+    vertex = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
+    wanted = [1, 1, count] if start is None else [count]
+    for number in wanted:  # a single sample's farthest vertex is where the next search starts
+        samples, owner, distance = _sample(stencils, usable, vertex, number)
+        vertex = int(np.where(np.isfinite(distance), distance, -1.0).argmax())
+    radius = distance[np.isfinite(distance)].max(initial=0.0) * stencils.unit
+    return Sampling(vertex_at[samples].astype(np.int64), owner[stencils.place], float(radius))
+
+
+def _sample(stencils: Stencils, usable: Bools, first: int, count: int) -> tuple[Ints, Ints, NDArray[np.float32]]:
+    """Return `count` samples from `first` on, each vertex's nearest sample, and its distance in mean edges."""
+    size = stencils.vertex_count
+    distance, owner = np.full(size, UNREACHED), np.full(size, -1, np.int32)
+    samples = _sample_from(
+        stencils.arrays, usable, first, count, distance, owner,
+        np.empty(size, np.int32), SLOTS, start_arrays(size), front_arrays(size),
+    )  # fmt: skip
+    return samples, owner, distance
 
 
 @kernel
-def _farthest(distance, usable):
-    best = -1
-    for vertex in range(len(distance)):
-        if usable[vertex] and (best < 0 or distance[vertex] > distance[best]):
-            best = vertex
-    return best
-
-
-@kernel
-def _sample_from(offsets, entries, usable, first, count, distance, owner, keys, items, position):
+def _sample_from(stencils, usable, vertex, count, distance, owner, reached, width, start, front):
     samples = np.empty(count, np.int32)
     free = usable.copy()
-    vertex = first
     for number in range(count):
         samples[number] = vertex
         free[vertex] = False
-        march(offsets, entries, vertex, True, distance, owner, number, keys, items, position)
+        spread(stencils, vertex, number, np.inf, distance, owner, reached, width, start, front)
         vertex = _farthest(distance, free)
     return samples
 
 
-def _sample(
-    offsets: Indices, entries: Floats, usable: Floats, first: int, seek_end: bool, count: int
-) -> tuple[Ints, Ints, Floats]:
-    size = len(usable)
-    arrays = np.empty(size), np.empty(size, np.int32), *heap_arrays(size)
-    sweeps = [1, 1, count] if seek_end else [count]
-    for wanted in sweeps:
-        arrays[0][:], arrays[1][:] = np.inf, -1
-        samples = _sample_from(offsets, entries, usable, first, wanted, *arrays)
-        first = _farthest_reached(arrays[0])
-    return samples, arrays[1], arrays[0]
-
-
-def _farthest_reached(distance: Floats) -> int:
-    return int(np.where(np.isfinite(distance), distance, -1.0).argmax())
+@kernel
+def _farthest(distance, usable):
+    """Return the first of the farthest vertices: on symmetric surfaces rounding must not choose among equals."""
+    largest = np.float32(-1.0)
+    for vertex in range(len(distance)):
+        if usable[vertex] and distance[vertex] > largest:
+            largest = distance[vertex]
+    enough = largest * _TIE
+    for vertex in range(len(distance)):
+        if usable[vertex] and distance[vertex] >= enough:
+            return vertex
+    return -1

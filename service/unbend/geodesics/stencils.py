@@ -1,10 +1,13 @@
-"""Stencils of fast marching: for each vertex, the triangles through which it can reach its neighbours.
+"""Stencils of fast marching: around each vertex, the triangles through which a front can reach it.
 
-A stencil entry of vertex A says: with B, the other end of an edge, A can update the target C. The triangle is
-laid into the plane with A at the origin and B at (c, 0); C is at (x, y), y >= 0. A corner C with an obtuse
-angle lets a front arrive before both A and B are known, so the mesh is unfolded over the edge AB until a vertex
-P splits the angle into two acute ones (Kimmel & Sethian 1998, section 4.2); C is then updated from (A, P) and
-(P, B) in that unfolded plane.
+A *slot* of vertex C is a triangle (C, A, B) laid into the plane with C at the origin, A on the x axis and B above
+it, and behind the edge AB the vertex P that C looks at when the mesh is unfolded there. A front reaches C between A
+and P or between P and B. Kimmel & Sethian (1998) unfold only where the angle at C is obtuse, so that A and P, and P
+and B, are known before C. Here every corner is unfolded: the two halves see a front's curvature better than the
+triangle does, which more than halves the error (docs/benchmarks.md).
+
+Eight slots make a block, laid out so that one vector instruction takes a row of it; most vertices have one block of
+256 bytes. Empty slots refer to a vertex that no front reaches.
 
 Nothing here needs a manifold or an orientation: a triangle stands for itself, and over an edge of three faces
 or more the unfolding takes one of the other faces.
@@ -13,171 +16,192 @@ or more the unfolding takes one of the other faces.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from unbend.arrays import Indices, Ints
-from unbend.jit import inlined, kernel
+from unbend.arrays import Floats, Ints
+from unbend.geodesics.unfolding import half_edge_lengths, vertex_behind
+from unbend.jit import kernel
 from unbend.mesh.surface import Surface
-from unbend.mesh.topology import find_edges
-from unbend.tolerances import UNFOLDING_STEPS
 
-ENTRY: Final = np.dtype(
-    [("other", np.int32), ("target", np.int32), ("c", np.float64), ("x", np.float64), ("y", np.float64)]
-)
-"""One stencil entry, 32 bytes: two share a cache line."""
+SLOTS: Final = 8
+"""Slots in a block: the 8 floats of one AVX register; a vertex of a mesh has 6 triangles on average."""
 
-_ENTRIES_PER_FACE = 18  # three corners, each at most split in two, each part used from both of its ends
+A, B, P, AX, BX, BY, PX, PY = range(8)  # the rows of a block
+BLOCK_BYTES: Final = 8 * SLOTS * 4
+LINE_BYTES: Final = 64  # of a cache line
 
 
 @dataclass(frozen=True, eq=False)
 class Stencils:
-    """All stencil entries of a surface, by the vertex that triggers them.
+    """All slots of a surface.
 
-    Vertices are renumbered by reverse Cuthill-McKee, so that a front touches memory that lies together:
-    `place[v]` is the number here of the surface's vertex v.
+    Vertices are renumbered breadth first, so that a front touches memory that lies together: `place[v]` is the
+    number here of the surface's vertex v. Lengths are in units of the mean edge, in single precision.
     """
 
-    offsets: Indices  # (n + 1,)
-    entries: NDArray[Any]  # (s,) of ENTRY
-    place: Ints  # (n,)
+    first: Ints  # (n + 1,) int32: vertex v has blocks first[v] to first[v + 1]
+    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; A takes in every neighbour; n where there is none
+    shapes: NDArray[np.float32]  # the same memory: rows AX to PY, coordinates of A, B and P
+    place: Ints  # (n,) int32
+    unit: float  # length of the mean edge
+    face_count: int
 
     @property
     def vertex_count(self) -> int:
         """Number of vertices, with those that no face uses."""
         return len(self.place)
 
+    @property
+    def arrays(self) -> tuple[Ints, Ints, NDArray[np.float32]]:
+        """What kernels read: first, corners, shapes."""
+        return self.first, self.corners, self.shapes
+
+
+_built: WeakKeyDictionary[Surface, Stencils] = WeakKeyDictionary()
+
+
+def stencils_of(surface: Surface) -> Stencils:
+    """Return the stencils of `surface`, built at the first call and kept as long as it lives."""
+    found = _built.get(surface)
+    if found is None:
+        found = _built[surface] = build_stencils(surface)
+    return found
+
 
 def build_stencils(surface: Surface) -> Stencils:
-    """Build the stencils of `surface`: O(m log m) for m faces."""
+    """Build the stencils of `surface`: O(n + m) for n vertices and m faces."""
     count = len(surface.vertices)
-    place = _reverse_cuthill_mckee(surface.faces, count)
-    vertices = np.empty_like(surface.vertices)
-    vertices[place] = surface.vertices
-    faces = place[surface.faces]
-    twins = find_edges(faces, count).twins()
-    triggers = np.empty(_ENTRIES_PER_FACE * len(faces), np.int32)
-    entries = np.empty(len(triggers), ENTRY)
-    used = _fill(vertices, faces, twins, triggers, entries, UNFOLDING_STEPS)
-    order = np.argsort(triggers[:used], kind="stable")
-    offsets = np.zeros(count + 1, np.int64)
-    np.cumsum(np.bincount(triggers[:used], minlength=count), out=offsets[1:])
-    return Stencils(offsets, entries[:used][order], place)
-
-
-def _reverse_cuthill_mckee(faces: Ints, count: int) -> Ints:
-    rows = faces.ravel()
-    columns = np.roll(faces, 1, axis=1).ravel()
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count)).tocsr()
-    order = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True)
+    twins = surface.edges.twins()
+    starts, around = _corners_of_vertices(surface.faces, count)
+    order = _breadth_first(surface.faces, starts, around)
     place = np.empty(count, np.int32)
     place[order] = np.arange(count, dtype=np.int32)
-    return place
+    lengths, unit = _lengths(surface)
+    first = np.zeros(count + 1, np.int32)
+    _count_blocks(surface.faces, starts, around, order, first)
+    corners, shapes = _empty_blocks(int(first[-1]), count)
+    _fill(lengths, surface.faces, twins, starts, around, order, place, first, corners, shapes)
+    return Stencils(first, corners, shapes, place, unit, len(surface.faces))
 
 
-@inlined
-def _length(vertices, a, b):
-    dx = vertices[a, 0] - vertices[b, 0]
-    dy = vertices[a, 1] - vertices[b, 1]
-    dz = vertices[a, 2] - vertices[b, 2]
-    return np.sqrt(dx * dx + dy * dy + dz * dz)
+def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]:
+    """Return blocks that begin at cache lines, as their corners and as their shapes."""
+    memory = np.empty(number * BLOCK_BYTES + LINE_BYTES, np.uint8)
+    start = -memory.ctypes.data % LINE_BYTES
+    corners = memory[start : start + number * BLOCK_BYTES].view(np.int32).reshape(number, 8, SLOTS)
+    corners[:, : P + 1] = nothing
+    corners[:, P + 1 :] = 0
+    return corners, corners.view(np.float32)
 
 
-@inlined
-def _apex(length_a, length_b, base):
-    """Place a triangle's third corner over its base from (0, 0) to (base, 0): the law of cosines."""
-    if base <= 0.0:
-        return 0.0, length_a
-    x = (length_a * length_a - length_b * length_b + base * base) / (2.0 * base)
-    return x, np.sqrt(max(0.0, length_a * length_a - x * x))
-
-
-@kernel
-def _emit(triggers, entries, used, a, b, target, base, x, y):
-    """Write the entry of the wedge (a, b) -> target, seen from a and, mirrored, from b."""
-    for end in range(2):
-        triggers[used + end] = b if end else a
-        entry = entries[used + end]
-        entry.other = a if end else b
-        entry.target = target
-        entry.c = base
-        entry.x = base - x if end else x
-        entry.y = y
-    return used + 2
+def _lengths(surface: Surface) -> tuple[Floats, float]:
+    """Return the lengths of half-edges in units of the mean edge, (3 m,), and that unit."""
+    extent = surface.extent or 1.0  # first, so that no square leaves the range of double precision
+    lengths = half_edge_lengths(surface.vertices / extent, surface.faces)
+    mean = float(lengths.mean()) or 1.0
+    lengths /= mean
+    return lengths, extent * mean
 
 
 @kernel
-def _split(vertices, faces, twins, half_edge, ax, ay, bx, by, steps):
-    """Unfold over `half_edge` until a vertex lies in the cone that splits the obtuse angle at the origin.
-
-    C is at the origin, the ends of the edge at (ax, ay) and (bx, by), with b counter-clockwise of a. Returns
-    (vertex, x, y), the vertex -1 where a boundary or the number of steps ends the search.
-    """
-    cone_ax, cone_ay, cone_bx, cone_by = ax, ay, bx, by
-    face, corner = half_edge // 3, half_edge % 3
-    a = faces[face, (corner + 1) % 3]
-    b = faces[face, (corner + 2) % 3]
-    for _ in range(steps):
-        twin = twins[half_edge]
-        if twin < 0:
-            break
-        face, corner = twin // 3, twin % 3
-        apex = faces[face, corner]
-        ex, ey = bx - ax, by - ay
-        base = np.sqrt(ex * ex + ey * ey)
-        if base <= 0.0:
-            break
-        x, y = _apex(_length(vertices, a, apex), _length(vertices, b, apex), base)
-        # C lies to the left of a -> b, the unfolded triangle to its right
-        px = ax + (x * ex + y * ey) / base
-        py = ay + (x * ey - y * ex) / base
-        acute_a = px * cone_ax + py * cone_ay > 0.0
-        acute_b = px * cone_bx + py * cone_by > 0.0
-        if acute_a and acute_b:
-            return apex, px, py
-        # Go on over the edge of the apex that the cone passes through: the one away from the acute side.
-        keep = b if acute_a else a
-        if acute_a:
-            ax, ay, a = px, py, apex
-        else:
-            bx, by, b = px, py, apex
-        half_edge = 3 * face
-        for i in range(3):
-            first, second = faces[face, (i + 1) % 3], faces[face, (i + 2) % 3]
-            if (first == keep and second == apex) or (first == apex and second == keep):
-                half_edge = 3 * face + i
-    return -1, 0.0, 0.0
+def _corners_of_vertices(faces, count):
+    """Return, for each vertex v, its corners 3 f + i as around[starts[v]:starts[v + 1]]."""
+    starts = np.zeros(count + 2, np.int32)
+    for face in range(len(faces)):
+        for corner in range(3):
+            starts[faces[face, corner] + 2] += 1
+    for vertex in range(2, count + 2):
+        starts[vertex] += starts[vertex - 1]
+    around = np.empty(3 * len(faces), np.int32)
+    for face in range(len(faces)):
+        for corner in range(3):
+            vertex = faces[face, corner]
+            around[starts[vertex + 1]] = 3 * face + corner
+            starts[vertex + 1] += 1
+    return starts[: count + 1], around
 
 
 @kernel
-def _fill(vertices, faces, twins, triggers, entries, steps):
-    used = 0
-    for half_edge in range(3 * len(faces)):
-        face, corner = half_edge // 3, half_edge % 3
-        target = faces[face, corner]
-        a = faces[face, (corner + 1) % 3]
-        b = faces[face, (corner + 2) % 3]
-        length_a = _length(vertices, a, target)
-        length_b = _length(vertices, b, target)
-        base = _length(vertices, a, b)
-        x, y = _apex(length_a, length_b, base)
-        if length_a * length_a + length_b * length_b < base * base and y > 0.0:
-            # The target at the origin, the edge below it from (-x, -y) to (base - x, -y): a is clockwise of b
-            # seen from the target only after a half turn, so the edge is laid above, at (x, y) and (x - base, y).
-            split, px, py = _split(vertices, faces, twins, half_edge, x, y, x - base, y, steps)
-            if split >= 0:
-                from_a = np.sqrt((px - x) ** 2 + (py - y) ** 2)
-                from_b = np.sqrt((px - x + base) ** 2 + (py - y) ** 2)
-                length_p = np.sqrt(px * px + py * py)
-                x_a, y_a = _apex(length_a, length_p, from_a)
-                used = _emit(triggers, entries, used, a, split, target, from_a, x_a, y_a)
-                x_b, y_b = _apex(length_p, length_b, from_b)
-                used = _emit(triggers, entries, used, split, b, target, from_b, x_b, y_b)
-        # The undivided triangle stays: it is exact where both ends are known in time, where the
-        # unfolded ones may not be.
-        used = _emit(triggers, entries, used, a, b, target, base, x, y)
-    return used
+def _breadth_first(faces, starts, around):
+    """Return the vertices in breadth-first order, component by component."""
+    count = len(starts) - 1
+    order = np.empty(count, np.int32)
+    seen = np.zeros(count, np.bool_)
+    size = 0
+    for seed in range(count):
+        if seen[seed]:
+            continue
+        seen[seed] = True
+        order[size] = seed
+        head = size
+        size += 1
+        while head < size:
+            vertex = order[head]
+            head += 1
+            for index in range(starts[vertex], starts[vertex + 1]):
+                face = around[index] // 3
+                for corner in range(3):
+                    other = faces[face, corner]
+                    if not seen[other]:
+                        seen[other] = True
+                        order[size] = other
+                        size += 1
+    return order
+
+
+@kernel
+def _count_blocks(faces, starts, around, order, first):
+    """Count slots: one a triangle, and one for each neighbour that would appear as B only."""
+    seen_by = np.full(len(order), -1, np.int32)
+    for rank in range(len(order)):
+        vertex = order[rank]
+        slots = starts[vertex + 1] - starts[vertex]
+        for turn in range(1, 3):
+            for index in range(starts[vertex], starts[vertex + 1]):
+                other = faces[around[index] // 3, (around[index] + turn) % 3]
+                if turn == 2 and seen_by[other] != vertex:
+                    slots += 1
+                seen_by[other] = vertex
+        first[rank + 1] = first[rank] + (slots + SLOTS - 1) // SLOTS
+
+
+@kernel
+def _fill(lengths, faces, twins, starts, around, order, place, first, corners, shapes):
+    seen_by = np.full(len(order), -1, np.int32)
+    for rank in range(len(order)):
+        c = order[rank]
+        slot = 0
+        for index in range(starts[c], starts[c + 1]):
+            half_edge = around[index]
+            face, corner = half_edge // 3, half_edge % 3
+            a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+            base = lengths[half_edge]
+            from_b, from_a = lengths[3 * face + (corner + 1) % 3], lengths[3 * face + (corner + 2) % 3]
+            bx, by = 0.0, from_b
+            if from_a > 0.0:
+                bx = (from_a * from_a + from_b * from_b - base * base) / (2.0 * from_a)
+                by = np.sqrt(max(0.0, from_b * from_b - bx * bx))
+            p, px, py = -1, 0.0, 0.0
+            if by > 0.0:
+                p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
+            if p < 0:  # nothing to split at: the whole triangle, and one that has no base
+                p, px, py = b, bx, by
+            block, lane = first[rank] + slot // SLOTS, slot % SLOTS
+            corners[block, A, lane], corners[block, B, lane], corners[block, P, lane] = place[a], place[b], place[p]
+            shapes[block, AX, lane], shapes[block, BX, lane], shapes[block, BY, lane] = from_a, bx, by
+            shapes[block, PX, lane], shapes[block, PY, lane] = px, py
+            seen_by[a] = c
+            slot += 1
+        for index in range(starts[c], starts[c + 1]):
+            face, corner = around[index] // 3, around[index] % 3
+            b = faces[face, (corner + 2) % 3]
+            if seen_by[b] != c:
+                seen_by[b] = c
+                block, lane = first[rank] + slot // SLOTS, slot % SLOTS
+                corners[block, A, lane] = place[b]
+                shapes[block, AX, lane] = lengths[3 * face + (corner + 1) % 3]
+                slot += 1

@@ -15,7 +15,7 @@ from unbend.embedding.embed import embed
 from unbend.errors import MeshGeometryError
 from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.sampling import sample_farthest
-from unbend.geodesics.stencils import build_stencils
+from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.surface import Surface
 from unbend.signature.connectivity import voronoi_dual
 from unbend.signature.parameters import Parameters
@@ -66,7 +66,7 @@ def compute_signature(
         raise MeshGeometryError("every face has zero area")
 
     report("sampling", _SAMPLING)
-    stencils = build_stencils(surface)
+    stencils = stencils_of(surface)
     count = min(chosen.samples, len(surface.used_vertices))
     sampling = sample_farthest(surface, stencils, count)
 

@@ -1,0 +1,58 @@
+"""Whole fronts: start exactly, march, and read off the distances."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.arrays import Floats, Ints
+from unbend.geodesics.marching import UNREACHED, front_arrays, march
+from unbend.geodesics.start import start_arrays, start_front
+from unbend.geodesics.stencils import SLOTS, Stencils
+from unbend.jit import kernel
+from unbend.tolerances import PLANAR_START, PLANAR_START_EDGES
+
+
+def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *, spherical: bool) -> None:
+    """March from each of `sources` in turn and write the distances at `columns` to `rows` (k, len(columns)).
+
+    Sources and columns are vertices as `stencils` numbers them; distances are in units of the surface's.
+    """
+    count = stencils.vertex_count
+    _march_each(
+        stencils.arrays, stencils.unit, sources, columns, rows, spherical_radius(stencils, spherical=spherical),
+        np.full(count, UNREACHED), np.empty(count, np.int32), SLOTS, start_arrays(count), front_arrays(count),
+    )  # fmt: skip
+
+
+def spherical_radius(stencils: Stencils, *, spherical: bool) -> float:
+    """Return the radius, in mean edges, as far as which updates are spherical."""
+    return np.inf if spherical else max(PLANAR_START_EDGES, PLANAR_START * stencils.face_count**0.5)
+
+
+@kernel
+def _march_each(stencils, unit, sources, columns, rows, disc, limit, reached, width, start, front):
+    seeds, values = start[0], front[0]
+    for row in range(len(sources)):
+        values[:] = UNREACHED
+        seeded = start_front(stencils, sources[row], values, start)
+        march(stencils, seeds[:seeded], limit, disc, width, reached, front)
+        for column in range(len(columns)):
+            rows[row, column] = values[columns[column]] * unit
+
+
+@kernel
+def spread(stencils, source, label, disc, distance, owner, reached, width, start, front):
+    """March from `source` where it is nearer than the sources before; update `distance`, and `owner` with `label`.
+
+    So many sources cost little more than a few whole fronts, and where the fronts meet lie the borders of the geodesic
+    Voronoi diagram.
+    """
+    seeds, values = start[0], front[0]
+    seeded = start_front(stencils, source, values, start)
+    size = march(stencils, seeds[:seeded], distance, disc, width, reached, front)
+    for index in range(size):
+        v = reached[index]
+        if values[v] < distance[v]:
+            distance[v] = values[v]
+            owner[v] = label
+        values[v] = UNREACHED

@@ -1,0 +1,80 @@
+"""Laying triangles into the plane, one after the other over their shared edges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.jit import inlined, kernel
+from unbend.tolerances import UNFOLDING_STEPS
+
+
+@inlined
+def apex(from_a, from_b, base):
+    """Place a triangle's third corner over its base from (0, 0) to (base, 0): the law of cosines."""
+    if base <= 0.0:
+        return 0.0, from_a
+    x = (from_a * from_a - from_b * from_b + base * base) / (2.0 * base)
+    return x, np.sqrt(max(0.0, from_a * from_a - x * x))
+
+
+@inlined
+def apex_beyond(ax, ay, bx, by, x, y, base):
+    """Place an apex, (x, y) over the base from A to B, on the side of it that lies to the right of A -> B."""
+    ex, ey = (bx - ax) / base, (by - ay) / base
+    return ax + x * ex + y * ey, ay + x * ey - y * ex
+
+
+@kernel
+def half_edge_lengths(vertices, faces):
+    """Return the length of each half-edge 3 f + i, which lies opposite corner i of face f, (3 m,)."""
+    lengths = np.empty(3 * len(faces))
+    for half_edge in range(len(lengths)):
+        face, corner = half_edge // 3, half_edge % 3
+        a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+        dx = vertices[a, 0] - vertices[b, 0]
+        dy = vertices[a, 1] - vertices[b, 1]
+        dz = vertices[a, 2] - vertices[b, 2]
+        lengths[half_edge] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    return lengths
+
+
+@kernel
+def vertex_behind(lengths, faces, twins, half_edge, ax, bx, by):
+    """Unfold over `half_edge`, away from the corner C opposite it, to the first vertex P that C looks at.
+
+    C is at the origin, the ends of the edge at A = (ax, 0) and B = (bx, by), by > 0. P must lie between the rays
+    from C to A and B; where C's angle is obtuse, so far between them that CP makes an acute angle with both
+    (Kimmel & Sethian 1998, section 4.2).
+
+    Returns
+    -------
+    (P, x, y)
+        P is -1 where a boundary, a triangle without a base or the number of steps ends the search.
+    """
+    ay = 0.0
+    right_x, right_y, left_x, left_y = ax, ay, bx, by
+    if bx < 0.0:  # the rays at right angles to CB and CA
+        right_x, right_y, left_x, left_y = by, -bx, 0.0, ax
+    face, corner = half_edge // 3, half_edge % 3
+    a = faces[face, (corner + 1) % 3]
+    for _ in range(UNFOLDING_STEPS):
+        twin = twins[half_edge]
+        base = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        if twin < 0 or base <= 0.0:
+            break
+        face, corner = twin // 3, twin % 3
+        p = faces[face, corner]
+        following, before = 3 * face + (corner + 1) % 3, 3 * face + (corner + 2) % 3
+        reversed_ = faces[face, (corner + 1) % 3] == a  # the two triangles are not oriented alike
+        beside_a, beside_b = (before, following) if reversed_ else (following, before)
+        x, y = apex(lengths[beside_a], lengths[beside_b], base)
+        px, py = apex_beyond(ax, ay, bx, by, x, y, base)
+        if right_x * py - right_y * px < 0.0:
+            half_edge = beside_b
+            ax, ay, a = px, py, p
+        elif px * left_y - py * left_x < 0.0:
+            half_edge = beside_a
+            bx, by = px, py
+        else:
+            return p, px, py
+    return -1, 0.0, 0.0

@@ -1,0 +1,81 @@
+"""How a front crosses one segment of a stencil: the two update equations of fast marching.
+
+All take distances u1 and u2 at a segment's ends and the segment's place in the frame of the corner C it is seen from:
+its squared length, and C's coordinates along and across it, both multiplied by its length (so that no root is
+needed). They return inf where the front reaches C from outside the segment.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.jit import inlined
+from unbend.tolerances import RAY_MARGIN
+
+_NONE = np.float32(np.inf)
+_ZERO = np.float32(0.0)
+_HALF = np.float32(0.5)
+_MARGIN = np.float32(-RAY_MARGIN)
+
+
+@inlined
+def spherical_squared(u1, u2, squared, along, across):
+    """Squared distance of C from the virtual point source that is u1 and u2 from the ends (Novotni & Klein 2002).
+
+    The source lies as far behind the segment as its distances from the ends say; the ray from it to C must meet
+    the segment.
+    """
+    foot = _HALF * ((u1 - u2) * (u1 + u2) + squared)
+    square = u1 * u1 * squared - foot * foot
+    depth = np.sqrt(max(_ZERO, square))
+    height = depth + across
+    crossing = foot * across + along * depth
+    end = squared * height
+    offset = foot - along
+    value = (offset * offset + height * height) / squared
+    meets = (crossing >= _MARGIN * end) & (crossing <= end) & (height > _ZERO) & (squared > _ZERO)
+    causal = (value >= u1 * u1) & (value >= u2 * u2)  # later than both, or it may not count on them
+    return value if meets & causal else _NONE
+
+
+@inlined
+def planar(u1, u2, squared, along, across):
+    """Distance of C from a straight front through the segment's ends (Kimmel & Sethian 1998, section 4.1).
+
+    The front's gradient along the segment is (u2 - u1) / length; the ray back from C must meet the segment.
+    """
+    rise = u2 - u1
+    square = squared - rise * rise
+    depth = np.sqrt(max(_ZERO, square))
+    crossing = along * depth - across * rise
+    end = squared * depth
+    value = u1 + (rise * along + depth * across) / squared
+    meets = (crossing >= _MARGIN * end) & (crossing <= end) & (square > _ZERO) & (value >= u1) & (value >= u2)
+    return value if meets else _NONE
+
+
+@inlined
+def spherical_slot(ua, ub, up, ax, bx, by, px, py):
+    """Distance of C through a slot (see `stencils`): between A and P, between P and B, or along CA or CP."""
+    ex, ey = bx - px, by - py
+    near_a = spherical_squared(ua, up, (px - ax) * (px - ax) + py * py, ax * (ax - px), ax * py)
+    near_b = spherical_squared(up, ub, ex * ex + ey * ey, -(px * ex + py * ey), px * by - py * bx)
+    through = np.sqrt(min(near_b, near_a))
+    along = ua + ax
+    straight = up + np.sqrt(px * px + py * py)
+    along = min(straight, along)
+    return min(along, through)
+
+
+@inlined
+def planar_slot(ua, ub, up, ax, bx, by, px, py):
+    """Distance of C through a slot, divided where its angle is obtuse, as Kimmel & Sethian do.
+
+    The whole triangle stays, for it is exact where both its ends are known in time.
+    """
+    ex, ey = bx - ax, by
+    whole = min(planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by), ua + ax)
+    ex, ey = bx - px, by - py
+    near_a = planar(ua, up, (px - ax) * (px - ax) + py * py, ax * (ax - px), ax * py)
+    near_b = planar(up, ub, ex * ex + ey * ey, -(px * ex + py * ey), px * by - py * bx)
+    return min(whole, near_a, near_b) if bx < _ZERO else whole

@@ -11,8 +11,8 @@ import unbend
 
 NAMES = {
     "AsyncClient", "Client", "Embedding", "Library", "MeshPolicy", "Parameters", "Signature", "Surface", "UnbendError",
-    "compare", "compute_signature", "embed", "farthest_point_sampling", "geodesic_distances", "geodesic_matrix",
-    "read_mesh",
+    "VoronoiDiagram", "compare", "compute_signature", "embed", "farthest_point_sampling",
+    "geodesic_distances", "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours", "read_mesh",
 }  # fmt: skip
 
 

@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     from unbend.client import AsyncClient, Client
     from unbend.embedding.embed import Embedding, embed
     from unbend.errors import UnbendError
+    from unbend.geodesics.contours import iso_contours
     from unbend.geodesics.distances import geodesic_distances, geodesic_matrix
+    from unbend.geodesics.paths import geodesic_path
     from unbend.geodesics.sampling import farthest_point_sampling
+    from unbend.geodesics.voronoi import VoronoiDiagram, geodesic_voronoi
     from unbend.library import Library
     from unbend.matching.measures import compare
     from unbend.mesh.policy import MeshPolicy
@@ -35,11 +38,15 @@ _HOMES = {
     "Surface": "unbend.mesh.surface",
     "UnbendError": "unbend.errors",
     "compare": "unbend.matching.measures",
+    "VoronoiDiagram": "unbend.geodesics.voronoi",
     "compute_signature": "unbend.signature.pipeline",
     "embed": "unbend.embedding.embed",
     "farthest_point_sampling": "unbend.geodesics.sampling",
     "geodesic_distances": "unbend.geodesics.distances",
     "geodesic_matrix": "unbend.geodesics.distances",
+    "geodesic_path": "unbend.geodesics.paths",
+    "geodesic_voronoi": "unbend.geodesics.voronoi",
+    "iso_contours": "unbend.geodesics.contours",
     "read_mesh": "unbend.mesh.read",
 }
 
@@ -55,12 +62,16 @@ __all__ = [
     "Signature",
     "Surface",
     "UnbendError",
+    "VoronoiDiagram",
     "compare",
     "compute_signature",
     "embed",
     "farthest_point_sampling",
     "geodesic_distances",
     "geodesic_matrix",
+    "geodesic_path",
+    "geodesic_voronoi",
+    "iso_contours",
     "read_mesh",
 ]
 

@@ -1,0 +1,156 @@
+"""What paths need to know of a mesh, and the arrays they are kept in while they are made.
+
+Half-edge `3 f + i` lies opposite corner `i` of face `f` (`mesh.topology`). A *portal* is an edge that a path
+crosses: the half-edge by which it leaves one face and the half-edge by which it enters the next. A *strip* is the
+run of faces that a list of portals joins; it can be unfolded into the plane face by face. A path is a list of
+*pieces* between vertices, its *nodes*: a piece runs along one edge, or straight through a strip.
+
+Nothing here needs an orientation: the two ends of a portal are told apart by their vertices.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unbend.arrays import Ints
+from unbend.jit import kernel
+from unbend.mesh.surface import Surface
+from unbend.mesh.topology import find_edges
+
+SHORTEST_PORTAL: Final = 1e-10
+"""An edge below this share of the mesh's extent is no portal: unfolding over it keeps less than six digits."""
+
+HALF_EDGE: Final = np.dtype(
+    [
+        ("corner", np.int64),  # the vertex opposite
+        ("twin", np.int64),  # the next half-edge of the same edge, cyclically; -1 where no path can cross
+        ("after", np.int64),  # the half-edge opposite its first end
+        ("before", np.int64),  # the half-edge opposite its second end
+        ("length", np.float64),
+        ("along", np.float64),  # its opposite corner, from the first end to the second, in units of the length
+        ("aside", np.float64),  # and at right angles to that
+        ("angle", np.float64),  # at the opposite corner
+    ]
+)
+PORTAL: Final = np.dtype([("exit", np.int64), ("entry", np.int64)])
+PIECE: Final = np.dtype(
+    [
+        ("node", np.int64),  # where it starts; the piece after it tells where it ends
+        ("start", np.int64),  # its first portal
+        ("edge", np.int64),  # a half-edge of the edge it runs along, -1 for a strip
+        ("fresh", np.int64),  # 1 where the last round changed it
+        ("length", np.float64),
+        ("head", np.float64),  # angle at the start, from the edge to the first end of its first exit to the piece
+        ("tail", np.float64),  # angle at the end, from the edge to the first end of its last entry to the piece
+    ]
+)
+POINT: Final = np.dtype(  # of an unfolded strip
+    [
+        ("x", np.float64),
+        ("y", np.float64),
+        ("vertex", np.int64),
+        ("first", np.int64),  # first portal that it is an end of
+        ("last", np.int64),
+        ("parent", np.int64),  # the point before it on the shortest path to it
+    ]
+)
+ENDS: Final = np.dtype([("right", np.int64), ("left", np.int64)])  # a portal's points
+
+
+class StripMesh(NamedTuple):
+    """Connectivity and intrinsic shape of a surface, as kernels take them."""
+
+    half_edges: NDArray[Any]  # (3 m,) of HALF_EDGE, lengths in units of `extent`
+    offsets: Ints  # (n + 1,) int32: where a vertex's corners begin in `corners`
+    corners: Ints  # (3 m,) int32: half-edges opposite each vertex
+    extent: float
+
+
+class Path(NamedTuple):
+    """Room for a path: `pieces` up to one that only tells the last node, and their `portals`."""
+
+    pieces: NDArray[Any]
+    portals: NDArray[Any]
+
+
+class Work(NamedTuple):
+    """Scratch arrays of `straighten`."""
+
+    strip: NDArray[Any]  # the portals of the strip at hand
+    points: NDArray[Any]  # its vertices, unfolded, from the start on
+    ends: NDArray[Any]  # which of them are at the ends of each portal
+    deque: Ints  # the funnel, from its left end over its apex to its right end
+    turns: Ints  # for each node of the path, how it can be passed on a shorter way
+
+
+def strip_mesh(surface: Surface) -> StripMesh:
+    """Prepare `surface` for paths: O(m log m) for m faces. Faces that repeat a vertex are left out."""
+    a, b, c = surface.faces.T
+    faces = surface.faces[(a != b) & (b != c) & (c != a)]
+    count = len(surface.vertices)
+    used = surface.vertices[surface.used_vertices]
+    extent = float(np.ptp(used, axis=0).max()) or 1.0
+    twins = find_edges(faces, count).twins() if len(faces) else np.empty(0, np.int64)
+    half_edges = np.empty(3 * len(faces), HALF_EDGE)
+    _fill(surface.vertices, faces, twins, extent, half_edges)
+    offsets = np.zeros(count + 1, np.int64)
+    np.cumsum(np.bincount(faces.ravel(), minlength=count), out=offsets[1:])
+    return StripMesh(half_edges, offsets, _by_corner(half_edges, offsets), extent)
+
+
+@kernel
+def _edge(vertices, extent, a, b):
+    """Return (b - a) / extent, to the last bit the opposite of that from b to a."""
+    return (
+        (vertices[b, 0] - vertices[a, 0]) / extent,
+        (vertices[b, 1] - vertices[a, 1]) / extent,
+        (vertices[b, 2] - vertices[a, 2]) / extent,
+    )
+
+
+@kernel
+def _fill(vertices, faces, twins, extent, half_edges):
+    for number in range(3 * len(faces)):
+        face, place = number // 3, number % 3
+        record = half_edges[number]
+        record.corner = faces[face, place]
+        record.after, record.before = 3 * face + (place + 1) % 3, 3 * face + (place + 2) % 3
+        first, second = faces[face, (place + 1) % 3], faces[face, (place + 2) % 3]
+        ex, ey, ez = _edge(vertices, extent, first, second)
+        ax, ay, az = _edge(vertices, extent, record.corner, first)
+        bx, by, bz = _edge(vertices, extent, record.corner, second)
+        squared = ex * ex + ey * ey + ez * ez
+        twice_area = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
+        record.length = np.sqrt(squared)
+        record.twin = twins[number] if record.length >= SHORTEST_PORTAL else -1
+        record.along = -(ax * ex + ay * ey + az * ez) / squared if squared > 0.0 else 0.0
+        record.aside = twice_area / squared if squared > 0.0 else 0.0
+        record.angle = np.arctan2(twice_area, ax * bx + ay * by + az * bz)
+
+
+@kernel
+def _by_corner(half_edges, offsets):
+    corners, places = np.empty(len(half_edges), np.int64), offsets.copy()
+    for number in range(len(half_edges)):
+        place = places[half_edges[number].corner]
+        corners[place] = number
+        places[half_edges[number].corner] = place + 1
+    return corners
+
+
+def path_arrays(mesh: StripMesh) -> Path:
+    """Return room for a path; the system gives memory only for what is touched."""
+    size = 2 * len(mesh.corners) + 64  # more portals than there are half-edges make no path worth having
+    return Path(np.empty(size, PIECE), np.empty(size, PORTAL))
+
+
+def work_arrays(mesh: StripMesh) -> Work:
+    """Return scratch arrays for `shorten`, with room for a path of `path_arrays`."""
+    size = 2 * len(mesh.corners) + 64
+    return Work(
+        np.empty(size, PORTAL), np.empty(size, POINT), np.empty(size, ENDS), np.empty(2 * size, np.int64),
+        np.empty(size, np.int64),
+    )  # fmt: skip

@@ -262,6 +262,17 @@ def test_geodesics_are_the_distances_from_a_vertex(http, ring, update):
     assert told["distances"][7] == 0
 
 
+def test_geodesics_to_a_target_have_the_minimal_path(http, ring):
+    url = f"/v1/shapes/{ring['id']}/geodesics"
+    answer = http.get(url, params={"source": 0, "target": 30}).json()
+    path = np.array(answer["path"])
+    assert answer["target"] == 30
+    np.testing.assert_allclose(np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), answer["distances"][30], rtol=0.02)
+    problem = http.get(url, params={"source": 0, "target": 999_999})
+    assert problem.status_code == 422
+    assert "999999" in problem.json()["detail"]
+
+
 def test_geodesics_that_cannot_reach_a_vertex_are_null(http):
     surface = sheet(columns=3, rows=2)
     corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]

@@ -153,6 +153,10 @@ class Distances(BaseModel):
 
     source: int
     distances: list[float | None] = Field(description="One for each vertex of the file; null where unreachable.")
+    target: int | None = None
+    path: list[tuple[float, float, float]] | None = Field(
+        None, description="With a target: the minimal path to it, a polyline on the surface."
+    )
 
 
 class Capacity(BaseModel):

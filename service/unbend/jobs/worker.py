@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
+from unbend.geodesics.paths import geodesic_path
 from unbend.jobs.progress import ProgressFile
 from unbend.library.engine import Store
 from unbend.library.shapes import get_mesh
@@ -102,6 +103,12 @@ def distances_from(mesh: StoredMesh, update: Update, source: int) -> list[float 
     surface = _read(mesh)
     distances = geodesic_distances(surface, source, update=update, threads=1)[0]
     return [float(distance) if np.isfinite(distance) else None for distance in distances]
+
+
+def path_between(mesh: StoredMesh, source: int, target: int) -> list[list[float]]:
+    """Return the minimal geodesic between two vertices of a stored mesh, (p, 3)."""
+    points: list[list[float]] = geodesic_path(_read(mesh), source, target).tolist()
+    return points
 
 
 def convert(mesh: StoredMesh, file_type: str) -> bytes:

@@ -14,7 +14,7 @@ from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
-from unbend.jobs.worker import StoredMesh, convert, distances_from
+from unbend.jobs.worker import StoredMesh, convert, distances_from, path_between
 from unbend.library.records import ShapeRecord
 from unbend.signature.export import export_signature
 
@@ -127,12 +127,14 @@ async def get_geodesics(
     service: ServiceDependency,
     shape_id: str,
     source: Annotated[int, Query(ge=0, le=2**31 - 1, description="A vertex of the file, counted from 0.")],
+    target: Annotated[int | None, Query(ge=0, le=2**31 - 1, description="A vertex to find the path to.")] = None,
     update: Annotated[Update, Query(description="How fast marching crosses a triangle.")] = "spherical",
 ) -> Distances:
-    """Return the geodesic distances from one vertex to all."""
-    record = await asyncio.to_thread(service.library.get, shape_id)
-    values: Any = await service.runner.call(distances_from, _stored(service, record), update, source)
-    return Distances(source=source, distances=values)
+    """Return the geodesic distances from one vertex to all, and the minimal path to `target`."""
+    stored = _stored(service, await asyncio.to_thread(service.library.get, shape_id))
+    values: Any = await service.runner.call(distances_from, stored, update, source)
+    path: Any = None if target is None else await service.runner.call(path_between, stored, source, target)
+    return Distances(source=source, distances=values, target=target, path=path)
 
 
 def _stored(service: Service, record: ShapeRecord) -> StoredMesh:

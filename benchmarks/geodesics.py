@@ -1,92 +1,89 @@
-"""Error and time of geodesic distances, against exact ones and against peers, in one run on the same meshes.
+"""Error, time and memory of geodesic distances, beside every peer that a wheel installs, on the same meshes.
 
-Errors are means over sources of |d - exact| / exact, in percent; times are a source's, on one core, without what
-each method prepares once for a mesh. Writes the section "geodesics" of docs/benchmarks.md.
+Each method runs in a process of its own, and the methods take turns on a mesh. Writes the section "geodesics" of
+docs/benchmarks.md and docs/pictures/geodesics.png; with --quick, measures less and only prints.
 """
 
 from __future__ import annotations
 
-import numpy as np
-import potpourri3d
-import pygeodesic.geodesic as exact_geodesics
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
 
-from peers import DATA, ROOT, best_of, table, write_section
-from unbend import Surface, read_mesh
-from unbend.geodesics.distances import distance_rows
-from unbend.geodesics.stencils import build_stencils
-from unbend.mesh.shapes import torus
+from geodesic_figure import draw
+from geodesic_measure import measure
+from geodesic_meshes import DETAILED, REAL, Folder, Mesh
+from geodesic_peers import PACKAGES
+from geodesic_studies import coarse_table, scaling_table, sheared_table, sphere_table
+from geodesic_tables import Results, cost_table, error_table, time_table
+from peers import ROOT, write_section
 
-MESHES = {
-    "FAUST (5 k)": "faust5k/tr_reg_000.off",
-    "cat (5 k)": "tosca5k/cat0.off",
-    "centaur (5 k)": "tosca5k/centaur0.off",
-    "human (6.9 k)": "single/human_man.obj",
-    "bunny (3.3 k)": "single/bunny.obj",
-    "armadillo (14.6 k)": "single/armadillo.obj",
-}
-SOURCES = 4
+PICTURE = ROOT / "docs" / "pictures" / "geodesics.png"
 
 
-def main() -> None:
-    surfaces = {name: read_mesh(DATA / path) for name, path in MESHES.items()}
-    surfaces["torus grid (16 k)"] = torus(columns=160, rows=100)
-    rows = [_row(name, surface) for name, surface in surfaces.items()]
-    header = ["mesh", "planar", "spherical", "potpourri3d FMM", "potpourri3d heat", "ns a vertex, spherical"]
-    header += ["times faster than FMM", "than heat", "than exact"]
-    coarse = _coarse_errors()
-    text = (
-        f"Mean relative error (%) over {SOURCES} sources, and time a source on one core.\n\n"
-        + table(header, rows)
-        + "\n\nMean over 30 SHREC'11 meshes of 252 vertices, every vertex a source:"
-        + f" planar {coarse[0]:.2f} %, spherical {coarse[1]:.2f} %;"
-        + f" with the smaller of both directions, as in the matrix: {coarse[2]:.2f} % and {coarse[3]:.2f} %."
+def main(arguments: list[str]) -> None:
+    quick = "--quick" in arguments
+    with tempfile.TemporaryDirectory() as path:
+        folder = Folder(Path(path))
+        results = _measure_meshes(folder, quick=quick)
+        detailed = {name: of for name, of in results.items() if name in DETAILED}
+        parts = [_circumstances(), error_table(results), time_table(results)]
+        parts += [f"![Error over time](pictures/{PICTURE.name})", cost_table(detailed)]
+        parts += _study(folder, quick=quick)
+    text = "\n\n".join(parts)
+    if quick:
+        print(text)
+    else:
+        draw(detailed, PICTURE)
+        write_section(ROOT / "docs" / "benchmarks.md", "geodesics", text)
+
+
+def _measure_meshes(folder: Folder, *, quick: bool) -> Results:
+    meshes = [folder.real(name) for name in (DETAILED[:1] if quick else REAL)]
+    meshes.append(folder.torus(40, 25) if quick else folder.torus(160, 100))
+    small = folder.sphere(2)
+    results: Results = {}
+    for mesh in meshes:
+        _tell(mesh.name)
+        results[mesh.name] = measure(mesh, small, rounds=1 if quick else 4, matrices=mesh.name in DETAILED)
+    return results
+
+
+def _study(folder: Folder, *, quick: bool) -> Iterator[str]:
+    _tell("coarse meshes")
+    yield coarse_table(folder)
+    _tell("sheared grid")
+    yield sheared_table(folder, [20, 40] if quick else [80, 160, 320])
+    _tell("sphere")
+    yield sphere_table(folder, range(3, 5 if quick else 8))
+    _tell("scaling")
+    yield scaling_table(_growing_meshes(folder, quick=quick), folder.sphere(2))
+
+
+def _growing_meshes(folder: Folder, *, quick: bool) -> Iterator[Mesh]:
+    for columns, rows in [(210, 133)] if quick else [(210, 133), (400, 250), (800, 400), (1250, 800)]:
+        yield folder.torus(columns, rows)
+    bunny = folder.real("fine bunny (29.8 k)")
+    for times in range(1 if quick else 4):
+        yield folder.subdivided(bunny, times)
+
+
+def _circumstances() -> str:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
+    return (
+        f"Geodesic distances from one vertex to all others, measured in one run on {cores} cores: every method in a"
+        f" process of its own, the methods in turns, the quickest turn counts. Versions: {versions}."
     )
-    write_section(ROOT / "docs" / "benchmarks.md", "geodesics", text)
 
 
-def _row(name: str, surface: Surface) -> list[str]:
-    sources = np.linspace(0, len(surface.vertices) - 1, SOURCES).astype(np.int32)
-    stencils = build_stencils(surface)
-    algorithm = exact_geodesics.PyGeodesicAlgorithmExact(surface.vertices, surface.faces)
-    exact = np.array([algorithm.geodesicDistances(np.array([source]))[0] for source in sources])
-    marching = potpourri3d.MeshFastMarchingDistanceSolver(surface.vertices, surface.faces)
-    heat = potpourri3d.MeshHeatMethodDistanceSolver(surface.vertices, surface.faces)
-    errors = [
-        _error(distance_rows(stencils, sources, None, "planar", 1), exact),
-        _error(distance_rows(stencils, sources, None, "spherical", 1), exact),
-        _error(np.array([marching.compute_distance([[(int(source), [])]]) for source in sources]), exact),
-        _error(np.array([heat.compute_distance(int(source)) for source in sources]), exact),
-    ]
-    own = best_of(5, lambda: distance_rows(stencils, sources, None, "spherical", 1)) / SOURCES
-    peers = [
-        best_of(5, lambda: marching.compute_distance([[(0, [])]])),
-        best_of(5, lambda: heat.compute_distance(0)),
-        best_of(2, lambda: algorithm.geodesicDistances(np.array([0]))),
-    ]
-    return [
-        name, *(f"{error:.2f}" for error in errors), f"{own / len(surface.vertices) * 1e9:.0f}",
-        *(f"{peer / own:.1f}" for peer in peers),
-    ]  # fmt: skip
-
-
-def _coarse_errors() -> list[float]:
-    errors = []
-    for path in sorted((DATA / "shrec11_simplified").glob("*.obj"))[::16]:
-        surface = read_mesh(path)
-        sources = np.arange(len(surface.vertices), dtype=np.int32)
-        algorithm = exact_geodesics.PyGeodesicAlgorithmExact(surface.vertices, surface.faces)
-        exact = np.array([algorithm.geodesicDistances(np.array([source]))[0] for source in sources])
-        stencils = build_stencils(surface)
-        planar, spherical = (distance_rows(stencils, sources, None, update, 2) for update in ("planar", "spherical"))
-        both = [planar, spherical, np.minimum(planar, planar.T), np.minimum(spherical, spherical.T)]
-        errors.append([_error(distances, exact) for distances in both])
-    return np.mean(errors, axis=0).tolist()
-
-
-def _error(distances: np.ndarray, exact: np.ndarray) -> float:
-    known = (exact > 0) & np.isfinite(exact)
-    return float(100 * (np.abs(distances - exact)[known] / exact[known]).mean())
+def _tell(step: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {step}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -7,7 +7,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench openapi clean
+.PHONY: serve test lint types layers check bench openapi clean clean-kernels
 
 serve: .venv/run
 	$(BIN)/unbend demo --library demo.db
@@ -30,12 +30,17 @@ check: lint types layers test
 
 bench: .venv/bench
 	$(BIN)/python benchmarks/geodesics.py
+	$(BIN)/python benchmarks/defects.py
 	$(BIN)/python benchmarks/retrieval.py
 
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json
 
-clean:
+# Numba keeps compiled kernels, and does not see a change in a module that a kernel was compiled from.
+clean-kernels:
+	find service -name '*.nb[ic]' -delete
+
+clean: clean-kernels
 	rm -rf .venv demo.db demo.db-wal demo.db-shm
 
 .venv/python:

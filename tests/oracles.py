@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import pygeodesic.geodesic as exact_geodesics
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from unbend import Surface
 
@@ -28,3 +31,198 @@ def grid(columns: int, rows: int, shear: float = 0.0) -> Surface:
     right, up, both = corner + 1, corner + columns + 1, corner + columns + 2
     faces = np.concatenate([np.stack([corner, right, both], 1), np.stack([corner, both, up], 1)])
     return Surface(vertices, faces)
+
+
+def edge_path_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
+    """Shortest paths along edges, (k, n); inf where there is none."""
+    return steiner_distances(surface, sources, points=0)
+
+
+def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) -> np.ndarray:
+    """Shortest paths over straight lines between points spread along edges, (k, n), on any triangle soup.
+
+    An upper bound that comes down to exact distances as points are added; on needles it does so slowly.
+    """
+    places = _unit_places(surface)
+    sides, faces = _sides_of_faces(surface)
+    share = np.arange(1, points + 1)[:, None] / (points + 1)
+    between = places[sides[:, 0], None] * (1 - share) + places[sides[:, 1], None] * share
+    nodes = np.concatenate([places, between.reshape(-1, 3)])
+    inner = len(places) + np.arange(len(sides) * points).reshape(len(sides), points)
+    chains = np.concatenate([sides[:, :1], inner, sides[:, 1:]], axis=1)
+    first, second = [chains[:, :-1].ravel()], [chains[:, 1:].ravel()]
+    for one, other in ((0, 1), (1, 2), (2, 0)) if points else ():
+        first.append(np.repeat(inner[faces[:, one]], points, axis=1).ravel())
+        second.append(np.tile(inner[faces[:, other]], points).ravel())
+    for corner in range(3) if points else ():  # sides are opposite corners
+        first.append(np.repeat(surface.faces[:, corner], points))
+        second.append(inner[faces[:, corner]].ravel())
+    a, b = np.concatenate(first), np.concatenate(second)
+    # Explicit zeros would be no edges.
+    lengths = np.maximum(np.linalg.norm(nodes[a] - nodes[b], axis=1), np.finfo(float).tiny)
+    pairs, kept = np.unique(np.minimum(a, b) * len(nodes) + np.maximum(a, b), return_index=True)
+    graph = csr_array((lengths[kept], (pairs // len(nodes), pairs % len(nodes))), (len(nodes), len(nodes)))
+    found = dijkstra(graph, directed=False, indices=sources)[:, : len(places)]
+    return found * (surface.extent or 1.0)
+
+
+class TooManyWindowsError(Exception):
+    """Faces without an area let windows multiply beyond what the exact oracle can follow."""
+
+
+def soup_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
+    """Exact geodesic distances, (k, n), on any triangle soup: for small ones.
+
+    Every vertex looks along straight lines through strips of triangles at all others (the windows of Mitchell, Mount
+    and Papadimitriou, branching where more than two triangles meet at an edge). Windows are left that a path over an
+    end of their edge outruns (Xin & Wang 2009), for which distances along edges are the first bounds.
+    """
+    places = _unit_places(surface)
+    sides, of_faces = _sides_of_faces(surface)
+    order = np.argsort(of_faces.ravel(), kind="stable")
+    starts = np.searchsorted(of_faces.ravel()[order], np.arange(len(sides) + 1))
+    distances = edge_path_distances(surface, sources) / (surface.extent or 1.0)
+    windows = np.empty((100_000, 10))
+    for row in distances:
+        if not _settle(places, surface.faces, of_faces, starts, order, row, windows):
+            raise TooManyWindowsError
+    return distances * (surface.extent or 1.0)
+
+
+def _unit_places(surface: Surface) -> np.ndarray:
+    """Coordinates in units of the extent, and zero where no face uses them."""
+    places = np.zeros(surface.vertices.shape)
+    used = surface.used_vertices
+    low = surface.vertices[used].min(axis=0)
+    places[used] = (surface.vertices[used] - low) / (surface.extent or 1.0)
+    return places
+
+
+def _sides_of_faces(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of all edges, (e, 2), and the edge opposite each corner, (m, 3)."""
+    ends = np.sort(surface.faces[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2).astype(np.int64), axis=1)
+    sides, of_faces = np.unique(ends, axis=0, return_inverse=True)
+    return sides, of_faces.reshape(-1, 3)
+
+
+@numba.njit(cache=True)
+def _settle(places, faces, of_faces, starts, order, distances, windows):
+    """Lower `distances` until no vertex sees a shorter way to another; false if windows have no room."""
+    pending = np.isfinite(distances)
+    for _ in range(50 * len(places)):
+        root = -1
+        for vertex in range(len(places)):
+            if pending[vertex] and (root < 0 or distances[vertex] < distances[root]):
+                root = vertex
+        if root < 0:
+            return True
+        pending[root] = False
+        if not _look_around(places, faces, of_faces, starts, order, distances, windows, root, pending):
+            return False
+    return False
+
+
+@numba.njit(cache=True)
+def _look_around(places, faces, of_faces, starts, order, distances, windows, root, pending):  # noqa: C901, PLR0912, PLR0915
+    """Unfold all strips of triangles from `root`, and lower the distances of the vertices it sees.
+
+    A window: face, corner it lies opposite to, the interval seen of its edge and the source's place in a frame where
+    the edge runs along the x axis from its lower vertex, and the number of triangles behind it.
+    """
+    size = seen = 0
+    for face in range(len(faces)):
+        for corner in range(3):
+            if faces[face, corner] == root:
+                a, b = _ends(faces, face, corner)
+                edge = places[b] - places[a]
+                length = np.sqrt((edge**2).sum())
+                for end in (a, b):
+                    along = distances[root] + np.sqrt(((places[end] - places[root]) ** 2).sum())
+                    if along < distances[end] * (1 - 1e-14):
+                        distances[end], pending[end] = along, True
+                if length > 0.0:
+                    x, y = _in_frame(places[root] - places[a], edge / length)
+                    size = _push(windows, size, face, corner, 0.0, length, x, y, 0)
+    while size > 0:
+        size -= 1
+        seen += 1
+        if seen > 300_000:  # around faces without an area windows multiply
+            return False
+        face, corner, depth = int(windows[size, 0]), int(windows[size, 1]), int(windows[size, 6])
+        low, high, x, y = windows[size, 2], windows[size, 3], windows[size, 4], windows[size, 5]
+        a, b = _ends(faces, face, corner)
+        edge = places[b] - places[a]
+        length = np.sqrt((edge**2).sum())
+        y = max(y, 1e-10 * length)  # a triangle without an area: the source is on the edge
+        behind = distances[root]
+        if behind + np.hypot(x - high, y) >= distances[a] + high:
+            continue
+        if behind + np.hypot(x - low, y) >= distances[b] + length - low:
+            continue
+        side = of_faces[face, corner]
+        for index in range(starts[side], starts[side + 1]):
+            other, opposite = order[index] // 3, order[index] % 3
+            if other == face:
+                continue
+            c = faces[other, opposite]
+            cx, cy = _in_frame(places[c] - places[a], edge / length)
+            at = (x * cy + cx * y) / (y + cy)  # where the line to C crosses the edge
+            straight = np.hypot(cx - x, cy + y)
+            if low <= at <= high and behind + straight < distances[c] * (1 - 1e-14):
+                distances[c], pending[c] = behind + straight, True
+            if depth + 1 >= len(faces):
+                continue
+            if size + 2 > len(windows):
+                return False
+            if low < at:  # on to the edge from A to C
+                base = np.hypot(cx, cy)
+                if base > 0.0:
+                    first, last = _cross(low, x, y, cx, cy), (1.0 if high >= at else _cross(high, x, y, cx, cy))
+                    nx, ny = (x * cx - y * cy) / base, (cx * y + cy * x) / base
+                    size = _push_turned(windows, size, faces, other, a, c, first, last, base, nx, ny, depth)
+            if high > at:  # from B to C: the same, seen from B
+                base = np.hypot(length - cx, cy)
+                if base > 0.0:
+                    bx, px = length - cx, length - x
+                    first = _cross(length - high, px, y, bx, cy)
+                    last = 1.0 if low <= at else _cross(length - low, px, y, bx, cy)
+                    nx, ny = (px * bx - y * cy) / base, (bx * y + cy * px) / base
+                    size = _push_turned(windows, size, faces, other, b, c, first, last, base, nx, ny, depth)
+    return True
+
+
+@numba.njit(cache=True)
+def _ends(faces, face, corner):
+    a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+    return min(a, b), max(a, b)
+
+
+@numba.njit(cache=True)
+def _in_frame(offset, unit):
+    along = (offset * unit).sum()
+    return along, np.sqrt(((offset - along * unit) ** 2).sum())
+
+
+@numba.njit(cache=True)
+def _cross(at, x, y, cx, cy):
+    """Share of the edge from (0, 0) to (cx, -cy) at which the ray from (x, y) over (at, 0) meets it."""
+    below = y * cx - (at - x) * cy
+    return min(1.0, max(0.0, at * y / below)) if below > 0.0 else 1.0
+
+
+@numba.njit(cache=True)
+def _push(windows, size, face, corner, low, high, x, y, depth):
+    windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = face, corner, low, high
+    windows[size, 4], windows[size, 5], windows[size, 6] = x, y, depth
+    return size + 1
+
+
+@numba.njit(cache=True)
+def _push_turned(windows, size, faces, face, a, c, first, last, base, x, y, depth):
+    """Push the window from share `first` to `last` of the edge from A to C, seen from (x, y) in A's frame."""
+    for corner in range(3):
+        if faces[face, corner] != a and faces[face, corner] != c:
+            if a < c:
+                return _push(windows, size, face, corner, first * base, last * base, x, y, depth + 1)
+            return _push(windows, size, face, corner, (1 - last) * base, (1 - first) * base, base - x, y, depth + 1)
+    return size

@@ -5,11 +5,20 @@ from __future__ import annotations
 from typing import Final
 
 DEGENERATE_HEIGHT: Final = 1e-10
-"""A triangle whose height is below this share of its longest edge carries no direction: it is dropped.
+"""A triangle whose height is below this share of its longest edge carries no direction: it is counted and kept.
 
 In double precision a height is known to about 1e-16 of the edge; six digits above that, the unfolded
 coordinates of `geodesics.stencils` still keep six digits.
 """
+
+DEGENERATE_BASE: Final = 1e-7
+"""An edge below this share of the other two of its triangle has no direction: no front crosses it."""
+
+NEEDLE: Final = 1e4
+"""A triangle's far edge this many times as long as its shortest leaves single precision no direction across it."""
+
+LONGEST_EDGE: Final = 1e9
+"""Longest edge, in median ones, of a surface whose squared distances single precision can hold."""
 
 START_DEPTH: Final = 3
 """Triangles beyond the first that a source looks through in the exact start of its front, at least."""
@@ -22,7 +31,7 @@ everywhere. With a disc of a fixed number of edges the error falls more slowly t
 """
 
 PLANAR_START_EDGES: Final = 3.0
-"""The least radius of that disc, in mean edges."""
+"""The least radius of that disc, in median edges."""
 
 RAY_MARGIN: Final = 1e-6
 """How far, as a share of the segment, a ray may miss its end: rounding must not lose a ray through a vertex."""

@@ -142,8 +142,11 @@ def test_zero_area_faces_are_counted_and_kept_for_they_may_connect():
     assert geodesic_distances(surface, 4)[0, 1] == pytest.approx(np.hypot(0.5, 1.0), rel=0.05)
 
 
-def test_a_thin_face_is_not_of_zero_area():
-    assert repair([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0]], [[0, 1, 2]]).report.zero_area_faces == 0
+@pytest.mark.parametrize("small", [1.0, 1e-7])
+@pytest.mark.parametrize(("height", "count"), [(1e-6, 0), (1e-12, 1)])
+def test_a_thin_or_small_face_is_not_of_zero_area(small, height, count):
+    vertices = np.array([[0, 0, 0], [small, 0, 0], [0.5 * small, height * small, 0], [1, 0, 0], [0, 1, 0]])
+    assert repair(vertices, [[0, 1, 2], [0, 3, 4]]).report.zero_area_faces == count
 
 
 @pytest.mark.parametrize("scale", [1e-120, 1e-30, 1e30, 1e120])

@@ -56,7 +56,7 @@ def test_a_simplified_surface_is_a_surface_like_it_with_no_more_vertices_than_as
 
 
 @given(st.sampled_from(sorted(SHAPES)), st.integers(4, 300), st.integers(0, 2**32 - 1))
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_the_map_leads_every_vertex_to_one_near_it_and_the_deviation_is_true(name, most, seed):
     generator = np.random.default_rng(seed)
     whole = SHAPES[name]
@@ -91,15 +91,18 @@ def test_the_largest_distance_is_exact_whatever_is_thought_to_be_near(seed, kind
 
 
 def test_faces_of_zero_area_do_not_stand_in_the_way():
-    # Every square's lower side has a vertex in its middle that only the square above uses, and a zipper between.
-    flat = sheet(columns=16, rows=16)
+    # A quarter of the faces has a vertex on one side that the face beyond does not use, and a zipper between.
+    flat = sheet(columns=20, rows=20)
     vertices, faces = flat.vertices.tolist(), []
-    for a, b, c in flat.faces.tolist():
+    for number, (a, b, c) in enumerate(flat.faces.tolist()):
         middle = len(vertices)
-        vertices.append(((flat.vertices[a] + flat.vertices[b]) / 2).tolist())
-        faces += [[a, middle, c], [middle, b, c], [a, b, middle]]
+        if number % 4:
+            faces.append([a, b, c])
+        else:
+            vertices.append(((flat.vertices[a] + flat.vertices[b]) / 2).tolist())
+            faces += [[a, middle, c], [middle, b, c], [a, b, middle]]
     surface = repair(vertices, faces, policy=MeshPolicy(max_vertices=80))
-    assert surface.report.zero_area_faces == len(flat.faces)
+    assert surface.report.zero_area_faces == len(flat.faces) // 4
     assert len(surface.vertices) <= 80
     assert surface.area == pytest.approx(flat.area, rel=0.1)
     assert surface.report.relative_deviation < 0.1
@@ -176,10 +179,19 @@ def test_what_hung_together_by_a_vertex_still_does():
     assert np.isfinite(geodesic_distances(surface, 0)).all()
 
 
-def test_the_same_mesh_gives_the_same_surface_also_in_threads():
+@pytest.fixture
+def restless_threads():
+    """Threads that take turns as often as they can, so that what they share shows."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(interval)
+
+
+def test_the_same_mesh_gives_the_same_surface_also_in_threads(restless_threads):
     whole = SHAPES["ring"]
-    with ThreadPoolExecutor(4) as pool:
-        surfaces = list(pool.map(lambda most: simplified(whole, most), [100, 200, 300] * 4))
+    with ThreadPoolExecutor(8) as pool:
+        surfaces = list(pool.map(lambda most: simplified(whole, most), [100, 200, 300] * 8))
     for most in range(3):
         for surface in surfaces[most::3]:
             np.testing.assert_array_equal(surface.vertices, surfaces[most].vertices)

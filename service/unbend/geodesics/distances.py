@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import ParameterError
-from unbend.geodesics.fronts import march_each
+from unbend.geodesics.fronts import march_each, raise_to_straight
 from unbend.geodesics.stencils import Stencils, stencils_of
 from unbend.mesh.surface import Surface
 
@@ -112,14 +112,15 @@ def distance_rows(
     check_update(update)
     if threads is not None and threads < 1:
         raise ParameterError(f"threads must be at least 1, not {threads}")
-    places = stencils.place if columns is None else stencils.place[columns]
-    rows = np.empty((len(sources), len(places)))
-    starts = stencils.place[sources]
-    spherical = update == "spherical"
-    _share(
-        len(sources), threads, progress,
-        lambda part: march_each(stencils, starts[part], places, rows[part], spherical=spherical),
-    )  # fmt: skip
+    wanted = np.arange(stencils.vertex_count, dtype=np.int32) if columns is None else columns
+    rows = np.empty((len(sources), len(wanted)))
+
+    def march_part(part: slice) -> None:
+        starts, ends = stencils.place[sources[part]], stencils.place[wanted]
+        march_each(stencils, starts, ends, rows[part], spherical=update == "spherical")
+        raise_to_straight(stencils.points, sources[part], wanted, rows[part])
+
+    _share(len(sources), threads, progress, march_part)
     return rows
 
 

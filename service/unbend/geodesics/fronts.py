@@ -25,7 +25,7 @@ def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *
 
 
 def spherical_radius(stencils: Stencils, *, spherical: bool) -> float:
-    """Return the radius, in mean edges, as far as which updates are spherical."""
+    """Return the radius, in median edges, as far as which updates are spherical."""
     return np.inf if spherical else max(PLANAR_START_EDGES, PLANAR_START * stencils.face_count**0.5)
 
 
@@ -38,6 +38,21 @@ def _march_each(stencils, unit, sources, columns, rows, disc, limit, reached, wi
         march(stencils, seeds[:seeded], limit, disc, width, reached, front)
         for column in range(len(columns)):
             rows[row, column] = values[columns[column]] * unit
+
+
+@kernel
+def raise_to_straight(points, sources, columns, rows):
+    """Raise `rows` (k, len(columns)) to the straight-line distances: marching errs below them on needles."""
+    for row in range(len(sources)):
+        source = sources[row]
+        for column in range(len(columns)):
+            v = columns[column]
+            dx = points[v, 0] - points[source, 0]
+            dy = points[v, 1] - points[source, 1]
+            dz = points[v, 2] - points[source, 2]
+            straight = np.sqrt(dx * dx + dy * dy + dz * dz)
+            if straight > rows[row, column]:  # noqa: PLR1730 (not for NaN: vertices that no face uses)
+                rows[row, column] = straight
 
 
 @kernel

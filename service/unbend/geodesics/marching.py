@@ -19,7 +19,7 @@ from unbend.tolerances import MARCHING_DECREASE
 UNREACHED: Final = np.float32(np.inf)
 KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)
 
-BUCKETS: Final = 1024  # a power of two; edges of up to 200 mean edges find their own bucket
+BUCKETS: Final = 1024  # a power of two; edges of up to 200 median ones find their own bucket
 PER_EDGE: Final = np.float32(5.0)
 
 _WAITING, _SEEDED = 1, 2  # what `queued` says of a vertex in a bucket
@@ -41,8 +41,8 @@ def march(stencils, seeds, limit, disc, width, reached, front):
 
     The front stops at vertices whose value is not below `limit`: with the distances to earlier sources, it visits
     only the new source's Voronoi cell and the vertices that border it. Other values must be `UNREACHED`. As far as
-    `disc`, in mean edges, updates are spherical, beyond it planar. `width` is SLOTS, as a number the compiler does not
-    know: it would unroll the loop instead of vectorising it.
+    `disc`, in median edges, updates are spherical, beyond it planar. `width` is SLOTS, as a number the compiler does
+    not know: it would unroll the loop instead of vectorising it.
 
     One function, and loops that gather, compute and choose apart from each other: calls that pass arrays, and
     branches that cannot be foreseen, cost more than the arithmetic (benchmarks/geodesics.py).

@@ -76,7 +76,7 @@ def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: 
 
 
 def _sample(stencils: Stencils, usable: Bools, first: int, count: int) -> tuple[Ints, Ints, NDArray[np.float32]]:
-    """Return `count` samples from `first` on, each vertex's nearest sample, and its distance in mean edges."""
+    """Return `count` samples from `first` on, each vertex's nearest sample, and its distance in median edges."""
     size = stencils.vertex_count
     distance, owner = np.full(size, UNREACHED), np.full(size, -1, np.int32)
     samples = _sample_from(

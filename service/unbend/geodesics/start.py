@@ -17,6 +17,7 @@ from unbend.geodesics.unfolding import apex_beyond
 from unbend.jit import kernel
 from unbend.tolerances import START_DEPTH
 
+_SHORT: Final = 1e-3  # an edge so short, as seen from the source, says nothing of directions in single precision
 _WINDOWS: Final = 4096  # those of a source with more triangles are left to marching
 
 
@@ -39,6 +40,7 @@ def start_front(stencils, source, value, start):
     seeds[0] = source
     count = 1
     size = 0
+    opened = 0  # in all: at an edge of many triangles windows would multiply without end
     for home in range(first[source], first[source + 1]):
         for lane in range(SLOTS):
             a, b = corners[home, A, lane], corners[home, B, lane]
@@ -50,25 +52,28 @@ def start_front(stencils, source, value, start):
                     seeds[count] = a
                     count += 1
                 value[a] = ax
-            if b != nothing and by > 0.0 and size < len(windows):
+            if b != nothing and by > 0.0 and opened < len(windows):
                 windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = a, b, source, 0
                 edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3] = ax, 0.0, bx, by
                 edges[size, 4], edges[size, 5], edges[size, 6], edges[size, 7] = ax, 0.0, bx, by
                 size += 1
+                opened += 1
     while size > 0:
         size -= 1
         a, b, behind, depth = windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3]
         ax, ay, bx, by = edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3]
         right_x, right_y, left_x, left_y = edges[size, 4], edges[size, 5], edges[size, 6], edges[size, 7]
         base = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        if base <= _SHORT * np.sqrt(ax * ax + ay * ay):
+            continue
         for block in range(first[a], first[a + 1]):
             for lane in range(SLOTS):
                 near, far = corners[block, A, lane], corners[block, B, lane]
-                if (near != b and far != b) or near == behind or far == behind or base <= 0.0:
+                if (near != b and far != b) or near == behind or far == behind:
                     continue
                 d, x, y = far, np.float64(shapes[block, BX, lane]), np.float64(shapes[block, BY, lane])
                 if far == b:
-                    turn = shapes[block, AX, lane] / base
+                    turn = shapes[block, AX, lane] / np.sqrt(x * x + y * y)
                     d, x, y = near, turn * x, turn * y
                 if d == nothing:
                     continue
@@ -82,7 +87,7 @@ def start_front(stencils, source, value, start):
                             seeds[count] = d
                             count += 1
                         value[d] = straight
-                if depth == START_DEPTH or size + 2 > len(windows):
+                if depth == START_DEPTH or opened + 2 > len(windows):
                     continue
                 if left_of_right:  # some of the edge from A to D is seen
                     windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = a, d, b, depth + 1
@@ -90,10 +95,12 @@ def start_front(stencils, source, value, start):
                     edges[size, 4], edges[size, 5] = right_x, right_y
                     edges[size, 6], edges[size, 7] = (dx, dy) if right_of_left else (left_x, left_y)
                     size += 1
+                    opened += 1
                 if right_of_left:
                     windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = d, b, a, depth + 1
                     edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3] = dx, dy, bx, by
                     edges[size, 4], edges[size, 5] = (dx, dy) if left_of_right else (right_x, right_y)
                     edges[size, 6], edges[size, 7] = left_x, left_y
                     size += 1
+                    opened += 1
     return count

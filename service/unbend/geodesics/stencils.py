@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints
+from unbend.errors import MeshGeometryError
 from unbend.geodesics.unfolding import half_edge_lengths, vertex_behind
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
+from unbend.tolerances import DEGENERATE_BASE, LONGEST_EDGE, NEEDLE
 
 SLOTS: Final = 8
 """Slots in a block: the 8 floats of one AVX register; a vertex of a mesh has 6 triangles on average."""
@@ -40,15 +42,16 @@ class Stencils:
     """All slots of a surface.
 
     Vertices are renumbered breadth first, so that a front touches memory that lies together: `place[v]` is the
-    number here of the surface's vertex v. Lengths are in units of the mean edge, in single precision.
+    number here of the surface's vertex v. Lengths are in units of the median edge, in single precision.
     """
 
     first: Ints  # (n + 1,) int32: vertex v has blocks first[v] to first[v + 1]
     corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; A takes in every neighbour; n where there is none
     shapes: NDArray[np.float32]  # the same memory: rows AX to PY, coordinates of A, B and P
     place: Ints  # (n,) int32
-    unit: float  # length of the mean edge
+    unit: float  # length of the median edge
     face_count: int
+    points: Floats  # (n, 3): the surface's vertices, as it numbers them and in its units
 
     @property
     def vertex_count(self) -> int:
@@ -85,7 +88,7 @@ def build_stencils(surface: Surface) -> Stencils:
     _count_blocks(surface.faces, starts, around, order, first)
     corners, shapes = _empty_blocks(int(first[-1]), count)
     _fill(lengths, surface.faces, twins, starts, around, order, place, first, corners, shapes)
-    return Stencils(first, corners, shapes, place, unit, len(surface.faces))
+    return Stencils(first, corners, shapes, place, unit, len(surface.faces), surface.vertices)
 
 
 def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]:
@@ -99,12 +102,18 @@ def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]
 
 
 def _lengths(surface: Surface) -> tuple[Floats, float]:
-    """Return the lengths of half-edges in units of the mean edge, (3 m,), and that unit."""
+    """Return the lengths of half-edges in units of the median edge, (3 m,), and that unit."""
     extent = surface.extent or 1.0  # first, so that no square leaves the range of double precision
     lengths = half_edge_lengths(surface.vertices / extent, surface.faces)
-    mean = float(lengths.mean()) or 1.0
-    lengths /= mean
-    return lengths, extent * mean
+    typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0  # a few long edges must not make others vanish
+    lengths /= typical
+    longest = int(lengths.argmax())
+    if lengths[longest] > LONGEST_EDGE:
+        raise MeshGeometryError(
+            f"face {longest // 3} has an edge {lengths[longest]:.3g} times as long as a typical one: "
+            f"distances are marched in single precision, which has room for {LONGEST_EDGE:.0e}"
+        )
+    return lengths, extent * typical
 
 
 @kernel
@@ -171,6 +180,7 @@ def _count_blocks(faces, starts, around, order, first):
 
 @kernel
 def _fill(lengths, faces, twins, starts, around, order, place, first, corners, shapes):
+    nothing = len(order)
     seen_by = np.full(len(order), -1, np.int32)
     for rank in range(len(order)):
         c = order[rank]
@@ -185,13 +195,21 @@ def _fill(lengths, faces, twins, starts, around, order, place, first, corners, s
             if from_a > 0.0:
                 bx = (from_a * from_a + from_b * from_b - base * base) / (2.0 * from_a)
                 by = np.sqrt(max(0.0, from_b * from_b - bx * bx))
-            p, px, py = -1, 0.0, 0.0
-            if by > 0.0:
-                p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
-            if p < 0:  # nothing to split at: the whole triangle, and one that has no base
-                p, px, py = b, bx, by
+            # Over a boundary edge nothing comes, over one without length only what comes along CA, and a needle's far
+            # end is too far to tell directions by: no segments.
+            p, px, py = nothing, 0.0, 0.0
+            bent = base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b)
+            if twins[half_edge] >= 0 and bent:
+                p, px, py = -1, 0.0, 0.0
+                if by > 0.0:
+                    p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
+                if p < 0 or max(abs(px), abs(py)) > NEEDLE * min(
+                    from_a, from_b
+                ):  # the whole triangle, and one with no base
+                    p, px, py = b, bx, by
+                p = int(place[p])
             block, lane = first[rank] + slot // SLOTS, slot % SLOTS
-            corners[block, A, lane], corners[block, B, lane], corners[block, P, lane] = place[a], place[b], place[p]
+            corners[block, A, lane], corners[block, B, lane], corners[block, P, lane] = place[a], place[b], p
             shapes[block, AX, lane], shapes[block, BX, lane], shapes[block, BY, lane] = from_a, bx, by
             shapes[block, PX, lane], shapes[block, PY, lane] = px, py
             seen_by[a] = c

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.jit import inlined, kernel
-from unbend.tolerances import UNFOLDING_STEPS
+from unbend.tolerances import DEGENERATE_BASE, UNFOLDING_STEPS
 
 
 @inlined
@@ -60,13 +60,15 @@ def vertex_behind(lengths, faces, twins, half_edge, ax, bx, by):
     for _ in range(UNFOLDING_STEPS):
         twin = twins[half_edge]
         base = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-        if twin < 0 or base <= 0.0:
+        if twin < 0:
             break
         face, corner = twin // 3, twin % 3
         p = faces[face, corner]
         following, before = 3 * face + (corner + 1) % 3, 3 * face + (corner + 2) % 3
         reversed_ = faces[face, (corner + 1) % 3] == a  # the two triangles are not oriented alike
         beside_a, beside_b = (before, following) if reversed_ else (following, before)
+        if base <= DEGENERATE_BASE * (lengths[beside_a] + lengths[beside_b]):
+            break
         x, y = apex(lengths[beside_a], lengths[beside_b], base)
         px, py = apex_beyond(ax, ay, bx, by, x, y, base)
         if right_x * py - right_y * px < 0.0:

@@ -71,10 +71,12 @@ def spherical_slot(ua, ub, up, ax, bx, by, px, py):
 def planar_slot(ua, ub, up, ax, bx, by, px, py):
     """Distance of C through a slot, divided where its angle is obtuse, as Kimmel & Sethian do.
 
-    The whole triangle stays, for it is exact where both its ends are known in time.
+    The whole triangle stays, for it is exact where both its ends are known in time. P at the origin says that nothing
+    comes over AB.
     """
     ex, ey = bx - ax, by
-    whole = min(planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by), ua + ax)
+    whole = planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by)
+    whole = min(ua + ax, whole if (px != _ZERO) | (py != _ZERO) else _NONE)
     ex, ey = bx - px, by - py
     near_a = planar(ua, up, (px - ax) * (px - ax) + py * py, ax * (ax - px), ax * py)
     near_b = planar(up, ub, ex * ex + ey * ey, -(px * ex + py * ey), px * by - py * bx)

@@ -1,0 +1,98 @@
+"""Defective meshes end in a right distance or a typed error: generated ones, the crash table, messy real meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from defects import BASES, COARSE, DEFECTS, UPDATES, Mesh, check_rows, defective, examine, spoil
+from oracles import edge_path_distances, exact_distances, grid, soup_distances, steiner_distances
+from unbend import Surface, read_mesh
+from unbend.errors import MeshGeometryError
+from unbend.mesh.shapes import sphere, torus
+
+MEAN = 0.12
+"""What a mean relative error may be on some 50 vertices; of 1500 meshes the worst had 0.085."""
+
+
+@pytest.mark.parametrize("surface", [sphere(subdivisions=1), torus(columns=9, rows=6), grid(6, 5, 0.4)])
+def test_the_oracle_for_soups_agrees_with_exact_geodesics_of_manifolds(surface):
+    rng = np.random.default_rng(3)
+    crumpled = Surface(surface.vertices + rng.normal(0, 0.2, surface.vertices.shape), surface.faces)
+    sources = np.array([0, 7, 20])
+    np.testing.assert_allclose(
+        soup_distances(crumpled, sources), exact_distances(crumpled, sources), rtol=1e-9, atol=1e-12
+    )
+
+
+@given(defective(frozenset(DEFECTS) - COARSE), st.integers(0, 2**32 - 1), st.sampled_from(["largest", "bridge"]))
+@settings(max_examples=300)
+def test_ordinary_defects_end_in_a_right_distance_or_a_typed_error(mesh, seed, components):
+    outcome = examine(mesh, np.random.default_rng(seed), components)
+    assert outcome.error is None or str(outcome.error)
+    for update in UPDATES if outcome.error is None else ():
+        assert np.abs(outcome.relative[update]).sum() <= MEAN * max(1, len(outcome.relative[update]))
+
+
+@given(defective(), st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_the_oracle_for_soups_is_below_paths_over_steiner_points(mesh, seed):
+    outcome = examine(mesh, np.random.default_rng(seed)) if not _is_coarse(mesh) else None
+    if outcome is None or outcome.error is not None:
+        return
+    sources = np.array(outcome.sources)
+    exact, above = soup_distances(outcome.surface, sources), steiner_distances(outcome.surface, sources, 4)
+    reached = np.isfinite(above)
+    assert (exact[reached] <= above[reached] * (1 + 1e-9)).all()
+
+
+def _is_coarse(mesh: Mesh) -> bool:
+    return any(step.split(":")[0] in COARSE for step in mesh.story)
+
+
+CRASH_TABLE = {
+    "two components": "second_component",
+    "isolated vertex": "isolated",
+    "non-manifold edge": "fin",
+    "duplicate face": "duplicate_faces",
+    "degenerate face": "collinear_faces",
+    "repeated vertex": "merge_neighbours",
+    "one NaN vertex": "not_finite",
+}
+
+
+@pytest.mark.parametrize("components", ["largest", "bridge"])
+@pytest.mark.parametrize("row", CRASH_TABLE)
+def test_rows_of_the_crash_table(row, components):
+    mesh = spoil("sphere", [(CRASH_TABLE[row], 1)])
+    outcome = examine(mesh, np.random.default_rng(0), components, sources=4)
+    assert outcome.error is None
+    for update in UPDATES:
+        assert np.abs(outcome.relative[update]).mean() < 0.05
+
+
+def test_an_index_out_of_range_is_named():
+    outcome = examine(spoil("sphere", [("out_of_range", 1)]), np.random.default_rng(0))
+    assert isinstance(outcome.error, MeshGeometryError)
+    assert "uses vertices" in str(outcome.error)
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_clean_bases_have_small_errors(base):
+    outcome = examine(spoil(base, []), np.random.default_rng(0), sources=4)
+    assert np.abs(outcome.relative["spherical"]).mean() < 0.02
+    assert np.abs(outcome.relative["planar"]).mean() < 0.05
+
+
+@pytest.mark.parametrize("folder", ["dirty", "single"])
+def test_real_meshes_keep_every_cheap_property(shared_data, folder):
+    paths = sorted((shared_data / folder).iterdir())
+    assert paths
+    for path in paths:
+        surface = read_mesh(path)
+        sources = surface.used_vertices[[0, -1]]
+        longest = edge_path_distances(surface, sources)
+        for update in UPDATES:
+            check_rows(surface, sources, update, longest)

@@ -225,7 +225,7 @@ def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folde
     done = succeeded("evaluate", folder, "--labels", folder / "labels.csv", "--json", "--samples", 40)
     told = json.loads(done.stdout)
     assert set(told) == set(MEASURES)
-    signatures = [compute_signature(surface, Parameters(**SAMPLES)) for surface in MEMBERS.values()]
+    signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
     labels = [name.split("/")[0] for name in MEMBERS]
     for name, figures in told.items():
         assert set(figures) == FIGURES

@@ -16,7 +16,8 @@ from polylines import distance_from_surface, length
 from unbend import Surface, geodesic_distances, read_mesh
 from unbend.errors import ParameterError
 from unbend.geodesics.paths import geodesic_path, path_lengths
-from unbend.geodesics.strips import strip_mesh
+from unbend.geodesics.search import refine
+from unbend.geodesics.strips import path_arrays, strip_mesh, work_arrays
 from unbend.mesh.shapes import cone, cylinder, sphere, torus
 
 seeds = st.integers(0, 2**32 - 1)
@@ -153,8 +154,8 @@ def test_coarse_real_meshes_against_exact_geodesics(labelled):
             errors.append(length(geodesic_path(surface, source, target)) / exact - 1)
     assert len(errors) == 80
     assert min(errors) > -1e-9
-    assert np.mean(errors) < 5e-4
-    assert np.mean(np.array(errors) < 1e-9) > 0.9
+    assert np.mean(errors) < 1e-4
+    assert np.mean(np.array(errors) < 1e-9) > 0.97
 
 
 @pytest.mark.parametrize("name", ["tosca5k/cat0.off", "single/human_man.obj", "faust5k/tr_reg_000.off"])
@@ -179,7 +180,20 @@ def test_path_lengths_are_much_nearer_to_the_exact_distances_than_the_field_and_
         assert not np.diagonal(lengths).any()
         exact = np.minimum(exact, exact.T)
         assert (lengths >= exact * (1 - 1e-9)).all()
-        assert mean_relative_error(lengths, exact) < 0.2 * mean_relative_error(fields, exact)
+        assert mean_relative_error(lengths, exact) < 0.12 * mean_relative_error(fields, exact)
+
+
+def test_refined_lengths_help_later_walks():
+    surface = torus(columns=20, rows=10)
+    mesh, field, targets, lengths = (
+        strip_mesh(surface),
+        geodesic_distances(surface, 0)[0],
+        np.arange(200),
+        np.empty(200),
+    )
+    refine(mesh, field, np.int64(0), targets, lengths, path_arrays(mesh), path_arrays(mesh), work_arrays(mesh))
+    np.testing.assert_array_equal(field, lengths)
+    assert lengths[0] == 0
 
 
 @pytest.mark.parametrize("name", ["teapot", "suzanne", "beetle", "cow", "human_neutral", "truck"])
@@ -206,10 +220,11 @@ def test_on_crumpled_sheets_paths_are_never_shorter_than_exact_ones_and_seldom_l
     assert np.median(lengths / exact[others]) < 1.001
 
 
-@given(seeds, st.integers(4, 12), st.integers(1, 30), st.booleans())
-def test_on_any_heap_of_triangles_paths_stay_on_the_surface(seed, vertices, faces, lattice):
+@given(seeds, st.integers(4, 12), st.integers(1, 30), st.sampled_from([0.0, 1e-14, 1e-11, 1e-8, 1.0]))
+def test_on_any_heap_of_triangles_paths_stay_on_the_surface(seed, vertices, faces, noise):
     rng = np.random.default_rng(seed)
-    points = rng.integers(0, 3, (vertices, 3)) if lattice else rng.normal(size=(vertices, 3))  # many coincide
+    # On a lattice so small many vertices coincide, or nearly so.
+    points = rng.integers(0, 3, (vertices, 3)) + noise * rng.normal(size=(vertices, 3))
     surface = Surface(points, rng.integers(0, vertices, (faces, 3)))  # faces that repeat a vertex or another face
     source = surface.faces[0, 0]
     field = geodesic_distances(surface, source)[0]
@@ -250,7 +265,8 @@ def test_a_field_with_faults_still_leads_to_the_source(seed, fault):
     lengths = path_lengths(strip_mesh(surface), spoilt, 0, targets)
     exact = exact_distances(surface, np.array([0]))[0, 1:]
     assert (lengths >= exact * (1 - 1e-9)).all()
-    assert np.median(lengths / exact) < 1.5
+    assert (lengths != spoilt[targets]).all()  # every walk arrived
+    assert np.median(lengths / exact) < 1.001
 
 
 @pytest.mark.parametrize("field", [np.zeros(96), np.ones(96), np.arange(96.0), np.arange(96.0)[::-1]])

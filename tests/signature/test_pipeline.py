@@ -32,7 +32,7 @@ def test_exact_isometries_agree_and_agreement_improves_with_refinement(bending):
         bent = compute_signature(BENDINGS[bending](**sizes(level)), Parameters(samples=80))
         differences.append(np.abs(flat.moments - bent.moments).max() / flat.moments.max())
     assert differences[0] < 0.1
-    assert differences[2] < 0.01  # flat and bent sheets tie differently, so some samples differ
+    assert differences[2] < 0.006
     assert differences[2] < 0.5 * differences[0]
 
 

@@ -103,8 +103,7 @@ def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]
 
 def _lengths(surface: Surface) -> tuple[Floats, float]:
     """Return the lengths of half-edges in units of the median edge, (3 m,), and that unit."""
-    extent = surface.extent or 1.0  # first, so that no square leaves the range of double precision
-    lengths = half_edge_lengths(surface.vertices / extent, surface.faces)
+    lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces)
     typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0  # a few long edges must not make others vanish
     lengths /= typical
     longest = int(lengths.argmax())
@@ -113,7 +112,7 @@ def _lengths(surface: Surface) -> tuple[Floats, float]:
             f"face {longest // 3} has an edge {lengths[longest]:.3g} times as long as a typical one: "
             f"distances are marched in single precision, which has room for {LONGEST_EDGE:.0e}"
         )
-    return lengths, extent * typical
+    return lengths, surface.scale * typical
 
 
 @kernel

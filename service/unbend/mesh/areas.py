@@ -8,11 +8,9 @@ from unbend.arrays import Floats, Ints
 from unbend.jit import kernel
 
 
-def triangle_areas(vertices: Floats, faces: Ints, extent: float) -> Floats:
-    """Return the area of each of `faces` (m, 3), (m,), where coordinates span `extent`."""
-    # A cross product's square is of the fourth power of lengths: scaled by a power of two, which rounds nothing,
-    # it stays in the range of double precision.
-    scale = float(np.ldexp(1.0, np.frexp(extent)[1])) if extent > 0 else 1.0
+def triangle_areas(vertices: Floats, faces: Ints, scale: float) -> Floats:
+    """Return the area of each of `faces` (m, 3), (m,), where `scale` is that of the surface."""
+    # A cross product's square is of the fourth power of lengths: scaled, it stays in the range of double precision.
     areas = np.empty(len(faces))
     _fill_areas(vertices, faces, scale, areas)
     return areas

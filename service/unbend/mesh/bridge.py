@@ -120,7 +120,7 @@ def _thinnest_faces(surface: Surface, links: Indices) -> tuple[Ints, Floats]:
     end = np.repeat(np.arange(len(ends)), counts)
     third = neighbours[starts[end] + np.arange(len(end)) - np.repeat(np.cumsum(counts) - counts, counts)]
     faces = np.stack([ends[end], others[end], third], axis=1).astype(np.int32)
-    areas = triangle_areas(surface.vertices, faces, surface.extent)
+    areas = triangle_areas(surface.vertices, faces, surface.scale)
     order = np.lexsort((areas, end // 2))
     thinnest = order[np.searchsorted(end[order] // 2, np.arange(len(links)))]
     return faces[thinnest], areas[thinnest]

@@ -81,8 +81,8 @@ def _count_slivers(surface: Surface) -> int:
     # No edge is longer than the extent's diagonal, so few faces need their edges measured.
     limit = DEGENERATE_HEIGHT * surface.extent * 3**0.5
     thin = np.flatnonzero(2 * surface.face_areas <= limit * surface.extent * 3**0.5)
-    corners = surface.vertices[surface.faces[thin]] / surface.extent
+    corners = surface.vertices[surface.faces[thin]] / surface.scale
     edges = corners - np.roll(corners, 1, axis=1)
     longest = np.sqrt((edges**2).sum(axis=2).max(axis=1))
-    heights_times_longest = 2 * surface.face_areas[thin] / surface.extent**2
+    heights_times_longest = 2 * surface.face_areas[thin] / surface.scale**2
     return int((heights_times_longest <= DEGENERATE_HEIGHT * longest**2).sum())

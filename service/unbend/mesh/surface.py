@@ -72,10 +72,15 @@ class Surface:
         with np.errstate(over="ignore"):
             return max(float(along.max() - along.min()) for along in corners.T)
 
+    @property
+    def scale(self) -> float:
+        """Power of two above `extent`, 1 if that is 0: dividing by it keeps squares in range and rounds nothing."""
+        return float(np.ldexp(1.0, np.frexp(self.extent)[1]))
+
     @cached_property
     def face_areas(self) -> Floats:
         """Area of each triangle, (m,)."""
-        return frozen(triangle_areas(self.vertices, self.faces, self.extent), np.float64)
+        return frozen(triangle_areas(self.vertices, self.faces, self.scale), np.float64)
 
     @cached_property
     def used_vertices(self) -> Indices:

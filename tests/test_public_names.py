@@ -11,8 +11,9 @@ import unbend
 
 NAMES = {
     "AsyncClient", "Client", "Embedding", "Library", "MeshPolicy", "Parameters", "Signature", "Surface", "UnbendError",
-    "VoronoiDiagram", "compare", "compute_signature", "embed", "farthest_point_sampling",
+    "VoronoiDiagram", "compare", "compute_signature", "effective_dimension", "embed", "farthest_point_sampling",
     "geodesic_distances", "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours", "read_mesh",
+    "representation_errors",
 }  # fmt: skip
 
 

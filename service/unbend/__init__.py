@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from unbend.client import AsyncClient, Client
+    from unbend.embedding.dimension import effective_dimension, representation_errors
     from unbend.embedding.embed import Embedding, embed
     from unbend.errors import UnbendError
     from unbend.geodesics.contours import iso_contours
@@ -40,6 +41,7 @@ _HOMES = {
     "compare": "unbend.matching.measures",
     "VoronoiDiagram": "unbend.geodesics.voronoi",
     "compute_signature": "unbend.signature.pipeline",
+    "effective_dimension": "unbend.embedding.dimension",
     "embed": "unbend.embedding.embed",
     "farthest_point_sampling": "unbend.geodesics.sampling",
     "geodesic_distances": "unbend.geodesics.distances",
@@ -48,6 +50,7 @@ _HOMES = {
     "geodesic_voronoi": "unbend.geodesics.voronoi",
     "iso_contours": "unbend.geodesics.contours",
     "read_mesh": "unbend.mesh.read",
+    "representation_errors": "unbend.embedding.dimension",
 }
 
 __version__ = "0.1.0"
@@ -65,6 +68,7 @@ __all__ = [
     "VoronoiDiagram",
     "compare",
     "compute_signature",
+    "effective_dimension",
     "embed",
     "farthest_point_sampling",
     "geodesic_distances",
@@ -73,6 +77,7 @@ __all__ = [
     "geodesic_voronoi",
     "iso_contours",
     "read_mesh",
+    "representation_errors",
 ]
 
 

@@ -51,11 +51,29 @@ UNFOLDING_STEPS: Final = 12
 Kimmel & Sethian (1998) bound the number by the mesh's smallest angle; 12 suffices for angles above 8 degrees.
 """
 
-SMACOF_DECREASE: Final = 1e-5
-"""SMACOF stops when an iteration lowers the stress by less than this share of it (section 3.2, step 5)."""
+REPRESENTATION_ERROR: Final = 0.05
+"""Of an embedding in the effective dimension (section 3: "we allowed a representation error of up to 5 percent")."""
+
+EIGENPAIR_RESIDUAL: Final = 1e-9
+"""Norm of B v - lambda v, in units of the largest eigenvalue, at which an eigenpair of classical scaling is done.
+
+An eigenvalue errs by the square of that, over its distance from the next.
+"""
+
+SMACOF_DECREASE: Final = 1e-6
+"""SMACOF stops when two iterations lower the stress by less than this share of it (section 3.2, step 5)."""
 
 SMACOF_ITERATIONS: Final = 300
 """SMACOF stops after this many iterations whatever the decrease."""
+
+SMACOF_MEMORY: Final = 8
+"""Steps that accelerated scaling remembers; with twenty it takes as many iterations."""
+
+SINGLE_STRESS: Final = 1e-6
+"""Below this stress, distances differ by less than a thousandth, and scaling goes on in double precision."""
+
+ZERO_STRESS: Final = 1e-24
+"""Below this stress only rounding is left to lower."""
 
 SPECTRUM_FLOOR: Final = 1e-9
 """Eigenvalues of the geodesic spectrum below this are rounding; the largest is near 1, for weights sum to 1."""

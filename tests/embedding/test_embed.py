@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist, squareform
 
-from unbend import embed, geodesic_matrix
+from unbend import effective_dimension, embed, geodesic_matrix, representation_errors
 from unbend.embedding.least_squares import smacof
 from unbend.embedding.stress import stress
 from unbend.errors import ParameterError
-from unbend.mesh.shapes import torus
+from unbend.mesh.shapes import cylinder, ellipsoid, s_bend, sheet, sphere, spiral, torus
 
 METHODS = ("classical", "least_squares", "fast")
 
@@ -83,9 +83,9 @@ def test_smacof_agrees_with_a_plain_implementation_of_eq_8_and_9():
         np.fill_diagonal(v, 0)
         np.fill_diagonal(v, -v.sum(axis=1))
         expected = np.linalg.pinv(v) @ b @ z
-        found, made = smacof(distances, z, w, iterations=1)
+        found, made = smacof(distances, z, w, memory=0, iterations=1)
         assert made == 1
-        np.testing.assert_allclose(found, expected, atol=1e-10)
+        np.testing.assert_allclose(found, expected, atol=1e-5)  # far from the minimum it goes in single precision
 
 
 def test_every_iteration_lowers_the_stress():
@@ -96,14 +96,109 @@ def test_every_iteration_lowers_the_stress():
 
 def test_weights_of_one_are_no_weights_and_zero_leaves_a_pair_out():
     distances = city_block(7)
-    ones = embed(distances, weights=np.ones_like(distances))
-    np.testing.assert_allclose(ones.points, embed(distances).points, atol=1e-9)
+    for ones in (np.ones_like(distances), 2.0 * (1.0 - np.eye(len(distances))), np.full(len(distances), 3.0)):
+        np.testing.assert_allclose(embed(distances, weights=ones).points, embed(distances).points, atol=1e-9)
     euclidean = squareform(pdist(cloud(8)))
     wrong = euclidean.copy()
     wrong[0, 1] = wrong[1, 0] = 50.0
     weights = np.ones_like(wrong)
     weights[0, 1] = weights[1, 0] = 0.0
     assert embed(wrong, weights=weights).stress < 0.01 * embed(wrong).stress
+
+
+def test_heavy_points_fit_best():
+    distances = city_block(14, 60)
+    heavy = np.arange(60) < 20
+    for method in ("classical", "least_squares"):
+        plain, weighted = (
+            embed(distances, 2, method=method, weights=weights).points
+            for weights in (None, np.where(heavy, 100.0, 1.0))
+        )
+        among = np.ix_(heavy, heavy)
+        fits = [stress(points[heavy], distances[among]) for points in (plain, weighted)]
+        assert fits[1] < 0.9 * fits[0], method
+
+
+def test_weighted_classical_scaling_is_that_of_repeated_points():
+    distances, times = city_block(15, 30), np.random.default_rng(15).integers(1, 4, 30)
+    repeated = np.repeat(np.arange(30), times)
+    every = embed(distances[np.ix_(repeated, repeated)], method="classical").points
+    found = embed(distances, method="classical", weights=times).points
+    np.testing.assert_allclose(squareform(pdist(found)), squareform(pdist(every[np.cumsum(times) - 1])), atol=1e-9)
+
+
+def test_acceleration_reaches_the_minimum_of_smacof_in_less_than_half_the_iterations(torus_distances):
+    start = embed(torus_distances, method="classical").points
+    least = stress(smacof(torus_distances, start, memory=0, decrease=0.0, iterations=3000)[0], torus_distances)
+    counts = []
+    for memory in (0, 8):
+        for made in range(1, 300):
+            found, _ = smacof(torus_distances, start, memory=memory, decrease=0.0, iterations=made)
+            if stress(found, torus_distances) <= least * (1 + 1e-4):
+                counts.append(made)
+                break
+    assert counts[1] < 0.5 * counts[0]
+
+
+def test_many_points_give_the_same_on_any_number_of_threads():
+    distances = city_block(16, 1100)
+    one, two = (embed(distances, threads=threads) for threads in (1, 3))
+    np.testing.assert_array_equal(one.points, two.points)
+    assert one.iterations == two.iterations > 0
+
+
+def test_classical_scaling_of_many_points_has_the_eigenvalues_of_a_dense_solver():
+    distances = city_block(17, 500)
+    centring = np.eye(500) - 1 / 500
+    expected = np.linalg.eigvalsh(-0.5 * centring @ distances**2 @ centring)[::-1][:4]
+    found = embed(distances, 4, method="classical")
+    np.testing.assert_allclose(found.eigenvalues, expected, rtol=1e-9)
+    np.testing.assert_allclose(np.diag(found.points.T @ found.points), expected, rtol=1e-9)
+
+
+def test_repeated_eigenvalues_are_all_found():
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    points = np.repeat(corners, 100, axis=0)
+    distances = squareform(pdist(points))
+    found = embed(distances, 3, method="classical")
+    np.testing.assert_allclose(found.eigenvalues, 200.0, rtol=1e-9)
+    assert found.stress < 1e-18
+
+
+def test_random_starts_never_raise_the_stress_and_can_lower_it():
+    distances = city_block(18, 30)
+    plain, tried = embed(distances, 1), embed(distances, 1, starts=20)
+    assert tried.stress < plain.stress
+    assert tried.stress == embed(distances, 1, starts=20).stress
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_the_effective_dimension_of_points_is_theirs(seed, dimensions):
+    distances = squareform(pdist(cloud(seed, 60, dimensions)))
+    errors = representation_errors(distances)
+    assert (np.diff(errors) <= 0).all()
+    assert errors[dimensions - 1] < 1e-6
+    assert effective_dimension(distances, error=1e-3) == dimensions
+    assert embed(distances, "auto").points.shape == (60, effective_dimension(distances))
+
+
+def test_the_representation_error_is_eq_6():
+    distances = city_block(19, 30)
+    centring = np.eye(30) - 1 / 30
+    values = np.maximum(np.linalg.eigvalsh(-0.5 * centring @ distances**2 @ centring)[::-1], 0)
+    expected = np.sqrt([(values[m:] ** 2).sum() / (values**2).sum() for m in range(1, 31)])
+    np.testing.assert_allclose(representation_errors(distances), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("make", [sheet, cylinder, s_bend, spiral])
+def test_developable_sheets_have_two_effective_dimensions(make):
+    surface = make(columns=24, rows=12)
+    assert effective_dimension(geodesic_matrix(surface, surface.used_vertices)) == 2
+
+
+@pytest.mark.parametrize("surface", [sphere(subdivisions=2), torus(columns=30, rows=20), ellipsoid(subdivisions=2)])
+def test_closed_bodies_have_three_or_more(surface):
+    assert effective_dimension(geodesic_matrix(surface, surface.used_vertices)) >= 3
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["classical", "least_squares"]))
@@ -151,7 +246,14 @@ def test_coincident_points_stay_together():
         ({"distances": [[0, -1], [-1, 0]]}, "negative"),
         ({"distances": [[1, 1], [1, 0]]}, "diagonal"),
         ({"distances": [[0, 1], [1, 0]], "dimensions": 0}, "dimensions"),
+        ({"distances": [[0, 1], [1, 0]], "dimensions": 1.5}, "dimensions"),
+        ({"distances": [[0, 1], [1, 0]], "dimensions": "all"}, "auto"),
         ({"distances": [[0, 1], [1, 0]], "method": "sammon"}, "least_squares"),
+        ({"distances": [[0, 1], [1, 0]], "starts": -1}, "starts"),
+        ({"distances": [[0, 1], [1, 0]], "starts": 1, "method": "classical"}, "starts"),
+        ({"distances": [[0, 1], [1, 0]], "threads": 0}, "threads"),
+        ({"distances": [[0, 1], [1, 0]], "weights": [1.0, 0.0]}, "above zero"),
+        ({"distances": [[0, 1], [1, 0]], "weights": [1.0]}, "weights of points"),
         ({"distances": [[0, 1], [1, 0]], "weights": np.zeros((2, 2))}, "connect"),
         ({"distances": [[0, 1], [1, 0]], "weights": np.ones((3, 3))}, "like distances"),
         ({"distances": [[0, 1], [1, 0]], "weights": -np.ones((2, 2))}, "not negative"),

@@ -14,7 +14,7 @@ from unbend.errors import ParameterError
     st.builds(
         Parameters,
         samples=st.integers(4, 5000),
-        dimensions=st.integers(1, 12),
+        dimensions=st.integers(1, 12) | st.just("auto"),
         method=st.sampled_from(["least_squares", "classical", "fast"]),
         update=st.sampled_from(["spherical", "planar"]),
         scaling=st.sampled_from(["area", "box"]),
@@ -32,7 +32,7 @@ def test_json_round_trip_and_hash(parameters):
     [
         ("{", "JSON"),
         ("[]", "object"),
-        ('{"sample": 3}', "unknown parameter 'sample'"),
+        ('{"sample": 3}', "parameters: unknown field 'sample'"),
         ('{"samples": 3}', "samples"),
         ('{"samples": 5001}', "samples"),
         ('{"samples": true}', "samples"),
@@ -40,6 +40,7 @@ def test_json_round_trip_and_hash(parameters):
         ('{"samples": 300.0}', "samples"),
         ('{"dimensions": 0}', "dimensions"),
         ('{"dimensions": null}', "dimensions"),
+        ('{"dimensions": "all"}', '1 to 12, or "auto"'),
         ('{"method": "sammon"}', "method"),
         ('{"update": []}', "update"),
         ('{"scaling": 1}', "scaling"),

@@ -11,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
-from unbend import Parameters, Surface, compare, compute_signature, read_mesh
+from unbend import (
+    Parameters,
+    Surface,
+    compare,
+    compute_signature,
+    effective_dimension,
+    geodesic_matrix,
+    read_mesh,
+)
 from unbend.errors import MeshGeometryError, ParameterError
 from unbend.mesh.shapes import cylinder, ellipsoid, helicoid_catenoid, s_bend, sheet, sphere, spiral, tetrahedron, torus
 from unbend.signature.export import export_signature
@@ -129,6 +137,16 @@ def test_the_smallest_surfaces_have_signatures(surface, dimensions):
     assert signature.points.shape == (len(surface.vertices), dimensions)
     assert np.isfinite(signature.points).all()
     assert all(np.isfinite(vector).all() for vector in signature.descriptors.values())
+
+
+def test_auto_takes_the_effective_dimension():
+    auto = Parameters(samples=100, dimensions="auto")
+    assert compute_signature(sheet(columns=24, rows=12), auto).points.shape == (100, 2)
+    for surface in (torus(columns=30, rows=20), ellipsoid((1.0, 0.6, 0.4), subdivisions=3)):
+        samples = compute_signature(surface, auto).samples
+        expected = effective_dimension(geodesic_matrix(surface, samples))
+        assert compute_signature(surface, auto).points.shape == (100, expected)
+        assert expected >= 3
 
 
 def test_two_components_are_an_error_for_the_pipeline_and_repaired_by_reading():

@@ -6,9 +6,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from unbend.arrays import Floats
+from unbend.embedding.krylov import leading_eigenpairs
 
 
-def classical_scaling(distances: Floats, dimensions: int) -> tuple[Floats, Floats]:
+def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None = None) -> tuple[Floats, Floats]:
     """Embed by classical scaling.
 
     Parameters
@@ -16,28 +17,46 @@ def classical_scaling(distances: Floats, dimensions: int) -> tuple[Floats, Float
     distances : (n, n) float64
         Symmetric, plain (not squared) distances.
     dimensions : int
+    weights : (n,) float64, optional
+        Above 0: how much each point counts, such as the area it stands for. Equal by default.
 
     Returns
     -------
     points : (n, dimensions) float64
-        V L^(1/2) with the largest eigenvalues; columns whose eigenvalue is not positive, or for which there are
-        too few points, are zero. Each column's largest entry is positive, so that runs agree.
+        V L^(1/2) with the largest eigenvalues, centred with the weights; columns whose eigenvalue is not positive, or
+        for which there are too few points, are zero. Each column's largest entry is positive, so that runs agree.
     eigenvalues : (min(n, dimensions),) float64
-        In falling order, negative ones included.
+        In falling order, negative ones included; with weights, those of W^(1/2) B W^(1/2), W scaled to a mean of 1.
     """
     count = len(distances)
-    inner = _double_centred(distances**2)  # eq. 4
     kept = min(count, dimensions)
-    values, vectors = eigh(inner, subset_by_index=[count - kept, count - 1], overwrite_a=True, check_finite=False)
-    values, vectors = values[::-1], vectors[:, ::-1]
+    shares = np.full(count, 1 / count) if weights is None else weights / weights.sum()
+    roots = np.sqrt(shares * count)
+    squared = distances**2
+    found = leading_eigenpairs(lambda columns: _inner_times(squared, shares, roots, columns), count, kept)
+    if found is None:
+        inner = roots[:, None] * inner_products(squared, shares) * roots
+        values, vectors = eigh(inner, subset_by_index=[count - kept, count - 1], overwrite_a=True, check_finite=False)
+        found = values[::-1], vectors[:, ::-1]
+    values, vectors = found
     points = np.zeros((count, dimensions))
-    points[:, :kept] = vectors * np.sqrt(np.maximum(values, 0.0))
+    points[:, :kept] = vectors * np.sqrt(np.maximum(values, 0.0)) / roots[:, None]
     return points * _signs(points), values
 
 
-def _double_centred(squared: Floats) -> Floats:
-    means = squared.mean(axis=0)
-    return np.asarray(-0.5 * (squared - means[:, None] - means[None, :] + means.mean()))
+def inner_products(squared: Floats, shares: Floats) -> Floats:
+    """Return B of eq. 4 from squared distances, centred with `shares`, (n,), which sum to 1."""
+    means = squared @ shares
+    return np.asarray(-0.5 * (squared - means[:, None] - means[None, :] + shares @ means))
+
+
+def _inner_times(squared: Floats, shares: Floats, roots: Floats, columns: Floats) -> Floats:
+    """Multiply `columns` by W^(1/2) B W^(1/2), which is never made."""
+    weighted = roots[:, None] * columns
+    weighted = weighted - shares[:, None] * weighted.sum(axis=0)  # the transposed centring
+    product = squared @ weighted
+    product -= shares @ product
+    return np.asarray(-0.5 * roots[:, None] * product)
 
 
 def _signs(points: Floats) -> Floats:

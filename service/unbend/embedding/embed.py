@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from unbend.arrays import Floats, frozen
+from unbend.embedding.checks import check_distances, check_pair_weights, check_point_weights
 from unbend.embedding.classical import classical_scaling
+from unbend.embedding.dimension import effective_dimension
 from unbend.embedding.fast import fastmap
 from unbend.embedding.least_squares import smacof
 from unbend.embedding.stress import stress
 from unbend.errors import ParameterError
+from unbend.threads import check_threads
 
 Method = Literal["classical", "least_squares", "fast"]
+
+AUTO: Final = "auto"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +45,12 @@ class Embedding:
 
 def embed(
     distances: ArrayLike,
-    dimensions: int = 3,
+    dimensions: int | Literal["auto"] = 3,
     *,
     method: Method = "least_squares",
     weights: ArrayLike | None = None,
+    starts: int = 0,
+    threads: int | None = None,
 ) -> Embedding:
     """Embed points in `dimensions` dimensions so that their distances are near those given.
 
@@ -52,11 +58,19 @@ def embed(
     ----------
     distances : (n, n) array
         Symmetric, finite, not negative, zero on the diagonal; plain distances, not squared.
-    dimensions : int, default 3
+    dimensions : int or "auto", default 3
+        "auto" takes the effective dimension: the fewest with a representation error of at most 5 %, up to 12.
     method : {"least_squares", "classical", "fast"}
-        SMACOF from the classical solution (lowest stress), classical scaling, or FastMap (fewest operations).
-    weights : (n, n) array, optional
-        w_ij of eq. 2 for "least_squares": symmetric, not negative, connecting all points.
+        Accelerated SMACOF from the better of the other two (lowest stress), classical scaling, or FastMap (fewest
+        operations).
+    weights : (n, n) or (n,) array, optional
+        Of pairs, w_ij of eq. 2, for "least_squares": symmetric, not negative, connecting all points. Or of points,
+        above zero, such as the area each stands for: for "classical", and for "least_squares", where w_ij is the
+        product of both, each over their mean.
+    starts : int, default 0
+        Further starts of "least_squares" from random points, the same on every run; the lowest stress wins.
+    threads : int, optional
+        All cores by default. The result does not depend on it.
 
     Returns
     -------
@@ -68,51 +82,58 @@ def embed(
     ParameterError
         If an argument is not as described.
     """
-    matrix = _checked_distances(distances)
-    if dimensions < 1 or dimensions != int(dimensions):
-        raise ParameterError(f"dimensions must be a whole number from 1, not {dimensions!r}")
+    matrix = check_distances(distances)
     if method not in get_args(Method):
         raise ParameterError(f"method must be one of {get_args(Method)}, not {method!r}")
-    w = None if weights is None else _checked_weights(weights, len(matrix))
-    if w is not None and method != "least_squares":
-        raise ParameterError(f"weights go with least_squares only, not with {method}")
+    if starts < 0 or starts != int(starts) or (starts and method != "least_squares"):
+        raise ParameterError(f"starts must be a whole number from 0, for least_squares only, not {starts!r}")
+    check_threads(threads)
+    pairs, shares = _checked_weights(weights, method, len(matrix))
+    wanted = _checked_dimensions(dimensions, matrix)
     if method == "fast":
-        points, clipped = fastmap(matrix, dimensions)
-        return Embedding(points, stress(points, matrix), 0, np.empty(0), clipped)
-    points, eigenvalues = classical_scaling(matrix, dimensions)
-    iterations = 0
-    if method == "least_squares":
-        points, iterations = smacof(matrix, points, w)
-    return Embedding(points, stress(points, matrix, w), iterations, eigenvalues)
+        points, clipped = fastmap(matrix, wanted)
+        return Embedding(points, stress(points, matrix), 0, np.empty(0), clipped=clipped)
+    points, eigenvalues = classical_scaling(matrix, wanted, shares)
+    if method == "classical":
+        return Embedding(points, stress(points, matrix), 0, eigenvalues)
+    points, value, iterations = min(
+        (_scaled(matrix, start, pairs, threads) for start in _starts(matrix, points, pairs, starts)),
+        key=lambda found: found[1],
+    )
+    return Embedding(points, value, iterations, eigenvalues)
 
 
-def _checked_distances(distances: ArrayLike) -> Floats:
-    matrix = _square(distances, "distances")
-    if not np.isfinite(matrix).all():
-        row, column = np.argwhere(~np.isfinite(matrix))[0]
-        raise ParameterError(f"distances[{row}, {column}] is {matrix[row, column]}: embed one component at a time")
-    if matrix.min() < 0:
-        raise ParameterError(f"a distance is negative: {matrix.min()}")
-    if np.diagonal(matrix).any():
-        raise ParameterError("the diagonal of distances must be zero")
-    return matrix
+def _starts(matrix: Floats, classical: Floats, weights: Floats | None, further: int) -> Iterator[Floats]:
+    """Yield points to start from: the better of classical scaling and FastMap, and random ones of the same size."""
+    fast, _ = fastmap(matrix, classical.shape[1])
+    yield min(classical, fast, key=lambda points: stress(points, matrix, weights))
+    rng = np.random.default_rng(0)
+    spread = np.sqrt(np.mean(matrix**2) / (2 * classical.shape[1]))  # E |x - y|^2 = 2 m spread^2
+    for _ in range(further):
+        yield spread * rng.standard_normal(classical.shape)
 
 
-def _checked_weights(weights: ArrayLike, count: int) -> Floats:
-    matrix = _square(weights, "weights")
-    if len(matrix) != count:
-        raise ParameterError(f"weights must be {(count, count)} like distances, not {matrix.shape}")
-    if not np.isfinite(matrix).all() or matrix.min() < 0:
-        raise ParameterError("weights must be finite and not negative")
-    if connected_components(csr_array(matrix), directed=False)[0] > 1:
-        raise ParameterError("the pairs with a weight must connect all points")
-    return matrix
+def _scaled(matrix: Floats, start: Floats, weights: Floats | None, threads: int | None) -> tuple[Floats, float, int]:
+    points, iterations = smacof(matrix, start, weights, threads=threads)
+    return points, stress(points, matrix, weights), iterations
 
 
-def _square(values: ArrayLike, what: str) -> Floats:
-    matrix = np.ascontiguousarray(values, np.float64)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or len(matrix) == 0:
-        raise ParameterError(f"{what} must be a square matrix, not of shape {matrix.shape}")
-    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0, equal_nan=True):
-        raise ParameterError(f"{what} must be symmetric")
-    return matrix
+def _checked_dimensions(dimensions: object, matrix: Floats) -> int:
+    if dimensions == AUTO:
+        return effective_dimension(matrix)
+    if isinstance(dimensions, bool) or not isinstance(dimensions, int | np.integer) or dimensions < 1:
+        raise ParameterError(f'dimensions must be a whole number from 1, or "auto", not {dimensions!r}')
+    return int(dimensions)
+
+
+def _checked_weights(weights: ArrayLike | None, method: Method, count: int) -> tuple[Floats | None, Floats | None]:
+    """Return the weights of pairs, for least squares, and those of points, for classical scaling."""
+    if weights is None:
+        return None, None
+    if np.ndim(weights) == 1 and method != "fast":
+        points = check_point_weights(weights, count)
+        return np.outer(points, points), points
+    pairs = check_pair_weights(weights, count)
+    if method != "least_squares":
+        raise ParameterError(f"weights of pairs go with least_squares only, not with {method}")
+    return pairs, None

@@ -1,18 +1,21 @@
 """Least squares scaling: SMACOF, iterative majorisation of the stress (section 3.2; Borg & Groenen, ch. 8).
 
 The paper prints the diagonal of B(Z) with the wrong sign and the stopping rule without the decrease; both are
-as in Borg & Groenen here.
+as in Borg & Groenen here. A step of SMACOF is one down the gradient in the metric of V, X - V^+ (V X - B(X) X), so
+quasi-Newton steps in that metric accelerate it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from unbend.arrays import Floats
-from unbend.jit import kernel
-from unbend.tolerances import SMACOF_DECREASE, SMACOF_ITERATIONS
-
-_ONES = np.empty((0, 0))
+from unbend.embedding.gradient import StressGradient
+from unbend.embedding.quasi_newton import minimise
+from unbend.tolerances import SINGLE_STRESS, SMACOF_DECREASE, SMACOF_ITERATIONS, SMACOF_MEMORY, ZERO_STRESS
 
 
 def smacof(
@@ -20,10 +23,12 @@ def smacof(
     start: Floats,
     weights: Floats | None = None,
     *,
+    memory: int = SMACOF_MEMORY,
     decrease: float = SMACOF_DECREASE,
     iterations: int = SMACOF_ITERATIONS,
+    threads: int | None = None,
 ) -> tuple[Floats, int]:
-    """Lower the stress of `start` until an iteration gains less than `decrease` of it.
+    """Lower the stress of `start` until iterations gain less than `decrease` of it.
 
     Parameters
     ----------
@@ -32,66 +37,49 @@ def smacof(
         Where to begin; the classical solution is a good choice.
     weights : (n, n) float64, optional
         Symmetric, not negative; ones by default. The pairs with a weight must connect all points.
+    memory : int
+        Steps remembered to accelerate the search (limited-memory BFGS); 0 is SMACOF as the paper has it.
     decrease : float
-        Share of the stress below which an iteration's gain ends the search.
+        Share of the stress; two iterations in a row that gain less end the search.
     iterations : int
         Most iterations made.
+    threads : int, optional
+        All cores by default. The result does not depend on it.
 
     Returns
     -------
     points : (n, m) float64
         The last configuration; its stress is never above that of `start`.
     iterations : int
-        How many were made.
+        How many were made, each one evaluation of B(X) X.
     """
-    w = _ONES if weights is None else weights
-    inverse = None if weights is None else _laplacian_inverse(weights)
-    axes = np.ascontiguousarray(start.T)
-    moved, value = _guttman(axes, distances, w)
-    made = 0
-    for made in range(1, iterations + 1):  # noqa: B007
-        axes = moved / len(start) if inverse is None else moved @ inverse  # eq. 9, eq. 8
-        previous = value
-        moved, value = _guttman(axes, distances, w)
-        if previous - value <= decrease * previous:
+    if weights is not None and _are_equal(weights):
+        weights = None  # the minimum is the same, and by the same steps
+    inverse = _laplacian_inverse(weights, len(distances))
+    axes, made = np.ascontiguousarray((start - start.mean(axis=0)).T), 0
+    for single, floor in ((True, SINGLE_STRESS), (False, ZERO_STRESS)):
+        function = StressGradient(distances, weights, single=single, threads=threads)
+        found = minimise(
+            function, inverse, axes,
+            memory=memory, decrease=decrease, evaluations=iterations - made, floor=floor,
+        )  # fmt: skip
+        axes, made = found.point, made + found.evaluations
+        if found.value > floor:
             break
     return np.ascontiguousarray(axes.T), made
 
 
-def _laplacian_inverse(weights: Floats) -> Floats:
-    """Return V^+ of eq. 8: V plus the constant ones has the same inverse on centred configurations."""
-    count = len(weights)
+def _are_equal(weights: Floats) -> bool:
+    """Whether all pairs weigh the same, whatever is on the diagonal."""
+    pairs = weights[~np.eye(len(weights), dtype=bool)]
+    return len(pairs) == 0 or bool(np.ptp(pairs) == 0)
+
+
+def _laplacian_inverse(weights: Floats | None, count: int) -> Callable[[Floats], Floats]:
+    """Return what multiplies centred columns, (m, n), by V^+ of eq. 8."""
+    if weights is None:
+        return lambda axes: axes / count  # eq. 9
     laplacian = np.diag(weights.sum(axis=1)) - weights
-    ones = np.full((count, count), 1.0 / count)
-    return np.asarray(np.linalg.inv(laplacian + ones) - ones)
-
-
-@kernel
-def _guttman(axes, distances, weights):
-    """Return B(Z) Z and the raw stress of Z (eq. 7), for Z given as (m, n), without any n x n matrix.
-
-    Column j of B(Z) Z is sum_i w_ij delta_ij / d_ij (z_j - z_i). The inner loops run over j and add nothing up
-    within themselves, so they are vectorised and yet round in one fixed order.
-    """
-    dimensions, count = axes.shape
-    weighted = weights.shape[0] > 0
-    result = np.zeros((dimensions, count))
-    loss = np.zeros(count)
-    ratio = np.empty(count)
-    for i in range(count):
-        ratio[:] = 0.0
-        for axis in range(dimensions):
-            here = axes[axis, i]
-            for j in range(count):
-                ratio[j] += (axes[axis, j] - here) ** 2
-        for j in range(count):
-            distance = np.sqrt(ratio[j])
-            given = distances[i, j]
-            weight = weights[i, j] if weighted else 1.0
-            loss[j] += weight * (given - distance) ** 2
-            ratio[j] = weight * given / distance if distance > 0.0 else 0.0
-        for axis in range(dimensions):
-            here = axes[axis, i]
-            for j in range(count):
-                result[axis, j] += ratio[j] * (axes[axis, j] - here)
-    return result, 0.5 * loss.sum()
+    laplacian += laplacian.trace() / count**2  # the constant ones: same inverse on centred columns, and definite
+    factor = cho_factor(laplacian, overwrite_a=True, check_finite=False)
+    return lambda axes: np.ascontiguousarray(cho_solve(factor, axes.T, check_finite=False).T)

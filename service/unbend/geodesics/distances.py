@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,11 +13,9 @@ from unbend.errors import ParameterError
 from unbend.geodesics.fronts import march_each, raise_to_straight
 from unbend.geodesics.stencils import Stencils, stencils_of
 from unbend.mesh.surface import Surface
+from unbend.threads import Progress, check_threads, share_out
 
 Update = Literal["spherical", "planar"]
-Progress = Callable[[float], None]
-
-_PARTS_PER_THREAD = 8  # enough to even out slow rows and to show progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +104,7 @@ def distance_rows(
     it does not show. `progress` is told the share of rows done.
     """
     check_update(update)
-    if threads is not None and threads < 1:
-        raise ParameterError(f"threads must be at least 1, not {threads}")
+    check_threads(threads)
     wanted = np.arange(stencils.vertex_count, dtype=np.int32) if columns is None else columns
     rows = np.empty((len(sources), len(wanted)))
 
@@ -120,40 +113,8 @@ def distance_rows(
         march_each(stencils, starts, ends, rows[part], spherical=update == "spherical")
         raise_to_straight(stencils.points, sources[part], wanted, rows[part])
 
-    _share(len(sources), threads, progress, march_part)
+    share_out(len(sources), threads, march_part, progress)
     return rows
-
-
-def _share(count: int, threads: int | None, progress: Progress | None, work: Callable[[slice], None]) -> None:
-    """Do `work` on parts of `count` items, in threads that take parts as they become free."""
-
-    def run(part: slice) -> int:
-        work(part)
-        return int(part.stop)
-
-    workers = min(threads or available_cores(), count)
-    parts = _parts(count, workers)
-    if workers == 1:
-        _drain(map(run, parts), count, progress)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            _drain(pool.map(run, parts), count, progress)
-
-
-def _parts(count: int, workers: int) -> list[slice]:
-    bounds = np.linspace(0, count, min(count, _PARTS_PER_THREAD * workers) + 1).astype(int)
-    return [slice(int(start), int(stop)) for start, stop in pairwise(bounds)]
-
-
-def _drain(stops: Iterator[int], total: int, progress: Progress | None) -> None:
-    for stop in stops:
-        if progress:
-            progress(stop / total)
-
-
-def available_cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_update(update: str) -> None:

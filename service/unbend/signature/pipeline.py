@@ -46,7 +46,7 @@ def compute_signature(
     progress : callable, optional
         Called as progress(stage, share) while the work goes on.
     threads : int, optional
-        For the distance rows; all cores by default. The result does not depend on it.
+        For distance rows and embedding; all cores by default. The result does not depend on it.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def compute_signature(
         raise MeshGeometryError("the faces do not hang together: keep one component")
 
     report("embedding", _EMBEDDING)
-    embedding = embed(matrix.distances, chosen.dimensions, method=chosen.method)
+    embedding = embed(matrix.distances, chosen.dimensions, method=chosen.method, threads=threads)
 
     report("describing", _DESCRIBING)
     weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)

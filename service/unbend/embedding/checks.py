@@ -1,0 +1,55 @@
+"""Checks of what comes in from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from unbend.arrays import Floats
+from unbend.errors import ParameterError
+
+
+def check_distances(distances: ArrayLike) -> Floats:
+    """Return a distance matrix as float64, or raise ParameterError."""
+    matrix = _square(distances, "distances")
+    if not np.isfinite(matrix).all():
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        raise ParameterError(f"distances[{row}, {column}] is {matrix[row, column]}: embed one component at a time")
+    if matrix.min() < 0:
+        raise ParameterError(f"a distance is negative: {matrix.min()}")
+    if np.diagonal(matrix).any():
+        raise ParameterError("the diagonal of distances must be zero")
+    return matrix
+
+
+def check_pair_weights(weights: ArrayLike, count: int) -> Floats:
+    """Return weights of pairs as (n, n) float64, or raise ParameterError."""
+    matrix = _square(weights, "weights")
+    if len(matrix) != count:
+        raise ParameterError(f"weights must be {(count, count)} like distances, not {matrix.shape}")
+    if not np.isfinite(matrix).all() or matrix.min() < 0:
+        raise ParameterError("weights must be finite and not negative")
+    if connected_components(csr_array(matrix), directed=False)[0] > 1:
+        raise ParameterError("the pairs with a weight must connect all points")
+    return matrix
+
+
+def check_point_weights(weights: ArrayLike, count: int) -> Floats:
+    """Return weights of points as (n,) float64 with a mean of 1, or raise ParameterError."""
+    vector = np.array(weights, np.float64)
+    if vector.shape != (count,):
+        raise ParameterError(f"weights of points must be {(count,)}, not {vector.shape}")
+    if not np.isfinite(vector).all() or vector.min() <= 0:
+        raise ParameterError("weights of points must be finite and above zero")
+    return np.asarray(vector / vector.mean())
+
+
+def _square(values: ArrayLike, what: str) -> Floats:
+    matrix = np.ascontiguousarray(values, np.float64)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or len(matrix) == 0:
+        raise ParameterError(f"{what} must be a square matrix, not of shape {matrix.shape}")
+    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0, equal_nan=True):
+        raise ParameterError(f"{what} must be symmetric")
+    return matrix

@@ -1,0 +1,74 @@
+"""How many dimensions a set of distances needs (section 3.1): the representation error of classical scaling."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from unbend.arrays import Floats
+from unbend.embedding.checks import check_distances
+from unbend.embedding.classical import inner_products
+from unbend.errors import ParameterError
+from unbend.tolerances import REPRESENTATION_ERROR
+
+MAX_DIMENSIONS: Final = 12
+"""Most dimensions that an effective dimension can be."""
+
+
+def representation_errors(distances: ArrayLike) -> Floats:
+    """Share of the inner products that classical scaling in 1, 2, ... n dimensions leaves out.
+
+    Parameters
+    ----------
+    distances : (n, n) array
+        Symmetric, finite, not negative, zero on the diagonal.
+
+    Returns
+    -------
+    (n,) float64
+        Eq. 6 relative to all: the root of sum_{i > m} lambda_i^2 / sum_i lambda_i^2 over the positive eigenvalues of
+        B (eq. 4); those below zero, which geodesic distances have, fit in no Euclidean space. It falls with m.
+        The share of energy captured is 1 minus its square.
+
+    Raises
+    ------
+    ParameterError
+        If `distances` is not as described.
+    """
+    matrix = check_distances(distances)
+    count = len(matrix)
+    values = np.linalg.eigvalsh(inner_products(matrix**2, np.full(count, 1 / count)))
+    squares = np.maximum(values, 0.0) ** 2  # rising
+    left = np.concatenate([[0.0], np.cumsum(squares)])[:count][::-1]
+    return np.asarray(np.sqrt(left / squares.sum()) if squares.sum() > 0 else np.zeros(count))
+
+
+def effective_dimension(
+    distances: ArrayLike, *, error: float = REPRESENTATION_ERROR, most: int = MAX_DIMENSIONS
+) -> int:
+    """Fewest dimensions in which classical scaling has a representation error of at most `error`.
+
+    Parameters
+    ----------
+    distances : (n, n) array
+    error : float, default 0.05
+        Above 0 and below 1; the paper's 5 %.
+    most : int, default 12
+        Returned where even more were needed.
+
+    Returns
+    -------
+    int
+        Itself a bending invariant (section 3): 2 for developable sheets, mostly 3 or more for closed bodies.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is not as described.
+    """
+    if not 0 < error < 1 or most < 1:
+        raise ParameterError(f"error must lie between 0 and 1 and most be at least 1, not {error!r} and {most!r}")
+    small = np.flatnonzero(representation_errors(distances) <= error)
+    return int(min(most, small[0] + 1))

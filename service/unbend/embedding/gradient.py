@@ -1,0 +1,148 @@
+"""The stress of eq. 7 and its gradient, without any n x n matrix beside those given."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats
+from unbend.jit import kernel
+from unbend.threads import check_threads, share_out
+
+_ROWS: Final = 64  # of the distances in a block: blocks, not threads, are what sums are made of
+_THREADED: Final = 1000  # points; fewer take less time than starting a thread
+_NONE: Final = np.empty((0, 0), np.float32)
+
+
+class StressGradient:
+    """The function that scaling minimises: eq. 7 over the sum of squared distances, and its gradient.
+
+    Parameters
+    ----------
+    distances : (n, n) float64
+    weights : (n, n) float64, optional
+        Ones by default.
+    single : bool
+        Whether to compute in single precision: half the memory, twice the speed. Sums are in double.
+    threads : int, optional
+        All cores by default; the result does not depend on it.
+    """
+
+    def __init__(self, distances: Floats, weights: Floats | None, *, single: bool, threads: int | None) -> None:
+        kind = np.float32 if single else np.float64
+        count = len(distances)
+        self._total = float(np.einsum("ij,ij", distances, distances)) / 2 or 1.0
+        self._scale = float(distances.max()) or 1.0  # squares stay in the range of single precision
+        self._distances = np.empty((count, count), kind)
+        np.divide(distances, self._scale, out=self._distances, casting="same_kind")  # without a copy in double
+        self._weights = _NONE.astype(kind) if weights is None else weights.astype(kind)
+        self._threads = check_threads(threads) if count >= _THREADED else 1
+        self._blocks = -(-count // _ROWS)
+        self._losses = np.empty((self._blocks, count), kind)
+
+    def __call__(self, axes: Floats) -> tuple[float, Floats]:
+        """Return the stress of points given as (m, n), relative as in eq. 2, and V X - B(X) X of eq. 8, (m, n).
+
+        The latter is half the gradient of eq. 7; in each column j it is sum_i w_ij (1 - delta_ij / d_ij) (x_j - x_i).
+        """
+        points = (axes / self._scale).astype(self._distances.dtype)
+        gradients = np.empty((self._blocks, *points.shape), points.dtype)
+
+        def work(part: slice) -> None:
+            _add_blocks(points, self._distances, self._weights, part.start, part.stop, gradients, self._losses)
+
+        if self._threads == 1:
+            work(slice(0, self._blocks))
+        else:
+            share_out(self._blocks, self._threads, work)
+        raw = 0.5 * self._losses.sum(dtype=np.float64) * self._scale**2
+        return raw / self._total, gradients.sum(axis=0, dtype=np.float64) * self._scale
+
+
+@kernel
+def _add_blocks(axes, distances, weights, first, stop, gradients, losses):
+    """Fill blocks `first` to `stop` - 1 of the gradient and of the loss, each the part of `_ROWS` rows.
+
+    The inner loops run over j and add nothing up within themselves, so they are vectorised and yet round in one
+    fixed order.
+    """
+    count = axes.shape[1]
+    for block in range(first, stop):
+        gradient, loss = gradients[block], losses[block]
+        gradient[:] = 0
+        loss[:] = 0
+        rows = block * _ROWS, min(count, (block + 1) * _ROWS)
+        if len(axes) == 3 and len(weights) == 0:  # the usual case, in half the time
+            _add_rows_in_space(axes[0], axes[1], axes[2], distances, rows, gradient[0], gradient[1], gradient[2], loss)
+        else:
+            _add_rows(axes, distances, weights, rows, gradient, loss)
+
+
+@kernel
+def _add_rows_in_space(x, y, z, distances, rows, along_x, along_y, along_z, loss):
+    """Add the part of some rows, for three dimensions and without weights: all in registers."""
+    zero = x.dtype.type(0)
+    for i in range(rows[0], rows[1]):
+        given = distances[i]
+        here_x, here_y, here_z = x[i], y[i], z[i]
+        for j in range(len(x)):
+            dx, dy, dz = x[j] - here_x, y[j] - here_y, z[j] - here_z
+            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+            difference = distance - given[j]
+            loss[j] += difference * difference
+            factor = difference / distance if distance > zero else zero
+            along_x[j] += factor * dx
+            along_y[j] += factor * dy
+            along_z[j] += factor * dz
+
+
+@kernel
+def _add_rows(axes, distances, weights, rows, gradient, loss):
+    factor = np.empty(axes.shape[1], axes.dtype)
+    for i in range(rows[0], rows[1]):
+        _squared_distances(axes, i, factor)
+        if len(weights) > 0:
+            _weigh(factor, distances[i], weights[i], loss)
+        else:
+            _compare(factor, distances[i], loss)
+        for axis in range(len(axes)):
+            here = axes[axis, i]
+            for j in range(len(factor)):
+                gradient[axis, j] += factor[j] * (axes[axis, j] - here)
+
+
+@kernel
+def _squared_distances(axes, i, squared):
+    here = axes[0, i]
+    for j in range(len(squared)):
+        apart = axes[0, j] - here
+        squared[j] = apart * apart
+    for axis in range(1, len(axes)):
+        here = axes[axis, i]
+        for j in range(len(squared)):
+            apart = axes[axis, j] - here
+            squared[j] += apart * apart
+
+
+@kernel
+def _compare(factor, given, loss):
+    """Turn squared distances into 1 - delta / d, 0 where d is; add (d - delta)^2 to `loss`."""
+    zero = factor.dtype.type(0)
+    for j in range(len(factor)):
+        distance = np.sqrt(factor[j])
+        difference = distance - given[j]
+        loss[j] += difference * difference
+        factor[j] = difference / distance if distance > zero else zero
+
+
+@kernel
+def _weigh(factor, given, weights, loss):
+    """As `_compare`, with weights."""
+    zero = factor.dtype.type(0)
+    for j in range(len(factor)):
+        distance = np.sqrt(factor[j])
+        difference = distance - given[j]
+        weighted = weights[j] * difference
+        loss[j] += weighted * difference
+        factor[j] = weighted / distance if distance > zero else zero

@@ -1,0 +1,62 @@
+"""Largest eigenvalues of a symmetric matrix that is only multiplied by: block Lanczos (Golub & Van Loan, ch. 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats
+from unbend.tolerances import EIGENPAIR_RESIDUAL
+
+_SPARE: Final = 3  # columns beyond those wanted: they keep close and repeated eigenvalues apart
+_STEPS: Final = 30
+_PATIENCE: Final = 2  # steps between looks at the residuals
+_SMALL: Final = 400  # a dense solver is as quick
+
+Multiply = Callable[[Floats], Floats]
+
+
+def leading_eigenpairs(multiply: Multiply, size: int, wanted: int) -> tuple[Floats, Floats] | None:
+    """Return the `wanted` largest eigenvalues, falling, and their vectors (size, wanted).
+
+    None where the matrix is small, or they did not converge: then a dense solver is the better one.
+
+    Parameters
+    ----------
+    multiply : callable
+        Multiplies columns, (size, b), by the matrix.
+    size, wanted : int
+    """
+    width = wanted + _SPARE
+    if size < max(_SMALL, width * _STEPS):
+        return None
+    basis, images = np.empty((2, _STEPS * width, size))  # columns as rows, so that a step fills what lies together
+    block = np.linalg.qr(np.random.default_rng(0).standard_normal((size, width)))[0]
+    for step in range(_STEPS):
+        start, stop = step * width, (step + 1) * width
+        basis[start:stop], images[start:stop] = block.T, multiply(block).T
+        if step % _PATIENCE == 0:
+            values, vectors, residual = _ritz_pairs(basis[:stop].T, images[:stop].T, wanted)
+            if residual <= EIGENPAIR_RESIDUAL * np.abs(values).max():
+                return values, vectors
+        block = _orthogonalised(images[start:stop].T, basis[:stop].T)
+    return None
+
+
+def _orthogonalised(block: Floats, basis: Floats) -> Floats:
+    """Return an orthonormal basis of what `block` adds to `basis`; twice is enough (Kahan)."""
+    for _ in range(2):
+        block = np.linalg.qr(block - basis @ (basis.T @ block))[0]
+    return block
+
+
+def _ritz_pairs(basis: Floats, images: Floats, wanted: int) -> tuple[Floats, Floats, float]:
+    """Return the best eigenpairs within `basis`, and the largest norm of what they miss."""
+    projected = basis.T @ images
+    values, small = np.linalg.eigh((projected + projected.T) / 2)
+    values, small = values[: -wanted - 1 : -1], small[:, : -wanted - 1 : -1]
+    vectors = basis @ small
+    residuals = images @ small - vectors * values
+    return values, vectors, float(np.linalg.norm(residuals, axis=0).max())

@@ -1,0 +1,56 @@
+"""Work on many items, in threads. Kernels run without the GIL, so threads share the cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+
+from unbend.errors import ParameterError
+
+Progress = Callable[[float], None]
+"""Called with the share of the work that is done, 0 to 1."""
+
+_PARTS_PER_THREAD = 8  # enough to even out slow items and to show progress
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def check_threads(threads: int | None) -> int:
+    """Return the number of threads to use, all cores by default; ParameterError if it is below 1."""
+    if threads is not None and threads < 1:
+        raise ParameterError(f"threads must be at least 1, not {threads}")
+    return threads or available_cores()
+
+
+def share_out(count: int, threads: int | None, work: Callable[[slice], None], progress: Progress | None = None) -> None:
+    """Do `work` on parts of `count` items, in threads that take parts as they become free."""
+
+    def run(part: slice) -> int:
+        work(part)
+        return int(part.stop)
+
+    workers = min(check_threads(threads), count)
+    parts = _parts(count, workers)
+    if workers == 1:
+        _drain(map(run, parts), count, progress)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            _drain(pool.map(run, parts), count, progress)
+
+
+def _parts(count: int, workers: int) -> list[slice]:
+    bounds = np.linspace(0, count, min(count, _PARTS_PER_THREAD * workers) + 1).astype(int)
+    return [slice(int(start), int(stop)) for start, stop in pairwise(bounds)]
+
+
+def _drain(stops: Iterator[int], total: int, progress: Progress | None) -> None:
+    for stop in stops:
+        if progress:
+            progress(stop / total)

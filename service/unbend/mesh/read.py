@@ -14,6 +14,7 @@ import trimesh
 from unbend.arrays import Floats, Indices
 from unbend.errors import MeshError, MeshReadError
 from unbend.mesh.formats.detect import detect_format
+from unbend.mesh.formats.quick import QUICK
 from unbend.mesh.formats.text import bare_obj, check_off
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
@@ -78,6 +79,8 @@ def _bytes_of(source: bytes | str | Path | BinaryIO) -> tuple[bytes, str]:
 
 
 def _parse(data: bytes, kind: str) -> tuple[Floats, Indices]:
+    if kind in QUICK and (plain := QUICK[kind](data)):
+        return plain
     if kind in _CHECK:
         _CHECK[kind](data)
     data = _PREPARE[kind](data) if kind in _PREPARE else data

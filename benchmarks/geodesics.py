@@ -77,7 +77,8 @@ def _circumstances() -> str:
     versions = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
     return (
         f"Geodesic distances from one vertex to all others, measured in one run on {cores} cores: every method in a"
-        f" process of its own, the methods in turns; the median row of a turn and the quickest turn count. Versions: {versions}."
+        " process of its own, the methods in turns; the median row of a turn and the quickest turn count."
+        f" Versions: {versions}."
     )
 
 

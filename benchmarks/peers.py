@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
@@ -19,6 +20,19 @@ def best_of(repeats: int, function: Callable[[], object]) -> float:
         function()
         seconds.append(time.perf_counter() - start)
     return min(seconds)
+
+
+def in_turns(functions: dict[str, Callable[[], Any]], turns: int = 5) -> dict[str, tuple[float, Any]]:
+    """Return the seconds of the quickest of some calls of each function, called in turns, and what it returned."""
+    best: dict[str, tuple[float, Any]] = {}
+    for _ in range(turns):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            result = function()
+            seconds = time.perf_counter() - start
+            if name not in best or seconds < best[name][0]:
+                best[name] = seconds, result
+    return best
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.jit import kernel
 
 _LEVELS: Final = (np.arange(64) + 0.5) / 64
 
@@ -32,14 +33,27 @@ def distance_distribution(distances: Floats, points: Floats, weights: Floats) ->
         64 quantiles of the geodesic distances, then 64 of the straight ones in the signature, each over 64, so
         that the L1 distance is a mean.
     """
-    first, second = np.triu_indices(len(distances), 1)
-    pair_weights = weights[first] * weights[second]
-    straight = np.sqrt(((points[first] - points[second]) ** 2).sum(axis=1))
-    both = [_quantiles(values, pair_weights) for values in (distances[first, second], straight)]
-    return np.concatenate(both) / len(_LEVELS)
+    count = len(distances)
+    geodesic, straight, shares = np.empty((3, count * (count - 1) // 2))
+    _fill_pairs(distances, points, weights, geodesic, straight, shares)
+    return np.concatenate([_quantiles(values, shares) for values in (geodesic, straight)]) / len(_LEVELS)
+
+
+@kernel
+def _fill_pairs(distances, points, weights, geodesic, straight, shares):
+    """Fill, for each pair of samples, their geodesic and straight distances and the product of their weights."""
+    pair = 0
+    for i in range(len(distances)):
+        for j in range(i + 1, len(distances)):
+            squared = 0.0
+            for axis in range(points.shape[1]):
+                squared += (points[i, axis] - points[j, axis]) ** 2
+            geodesic[pair], straight[pair], shares[pair] = distances[i, j], np.sqrt(squared), weights[i] * weights[j]
+            pair += 1
 
 
 def _quantiles(values: Floats, weights: Floats) -> Floats:
     order = np.argsort(values)
-    cumulative = np.cumsum(weights[order])
-    return np.interp(_LEVELS, (cumulative - 0.5 * weights[order]) / cumulative[-1], values[order])
+    sorted_weights = weights[order]
+    cumulative = np.cumsum(sorted_weights)
+    return np.interp(_LEVELS, (cumulative - 0.5 * sorted_weights) / cumulative[-1], values[order])

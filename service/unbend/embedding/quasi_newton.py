@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -10,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.jit import kernel
 
 Function = Callable[[Floats], tuple[float, Floats]]
 Inverse = Callable[[Floats], Floats]
@@ -25,13 +25,6 @@ class Minimum:
     value: float
     evaluations: int
     """Of the function, without that of the start."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    step: Floats
-    change: Floats  # of the gradient
-    curvature: float  # step . change, above 0
 
 
 def minimise(
@@ -53,7 +46,7 @@ def minimise(
     inverse : callable
         Applies the inverse of a Hessian that is nowhere below the true one, so that -inverse(gradient) is a step
         that never raises the value: for eq. 7 the step of SMACOF (eq. 8).
-    start : array
+    start : (m, n) array
     memory : int
         Pairs of steps and gradients kept. With 0 every step is -inverse(gradient).
     decrease : float
@@ -65,38 +58,81 @@ def minimise(
     """
     point = start
     value, gradient = function(point)
-    pairs: deque[_Pair] = deque(maxlen=memory)
+    history = _History(memory, start.shape)
     made = small = 0
     while made < evaluations and value > floor and small < _SMALL_GAINS:
-        step = -_direction(gradient, pairs, inverse)
+        step = -history.direction(gradient, inverse)
         new_value, new_gradient = function(point + step)
         made += 1
         if not new_value < value:
-            if not pairs:
+            if history.size == 0:
                 break  # rounding: not even the safe step gains
-            pairs.clear()
+            history.size = 0
             continue
         small = small + 1 if value - new_value <= decrease * value else 0
-        change = new_gradient - gradient
-        curvature = float(np.vdot(step, change))
-        if curvature > 0.0:
-            pairs.append(_Pair(step, change, curvature))
+        history.add(step, new_gradient - gradient)
         point, value, gradient = point + step, new_value, new_gradient
     return Minimum(point, value, made)
 
 
-def _direction(gradient: Floats, pairs: deque[_Pair], inverse: Inverse) -> Floats:
-    """Multiply the gradient by the approximate inverse of the Hessian, in two loops."""
-    if not pairs:
-        return inverse(gradient)
-    rest, shares = gradient, []
-    for pair in reversed(pairs):
-        share = float(np.vdot(pair.step, rest)) / pair.curvature
-        rest = rest - share * pair.change
-        shares.append(share)
-    last = pairs[-1]
-    scale = last.curvature / float(np.vdot(last.change, inverse(last.change)))
-    result = scale * inverse(rest)
-    for pair, share in zip(pairs, reversed(shares), strict=True):
-        result = result + (share - float(np.vdot(pair.change, result)) / pair.curvature) * pair.step
-    return result
+class _History:
+    """The last steps, and how the gradient changed over each."""
+
+    def __init__(self, memory: int, shape: tuple[int, ...]) -> None:
+        self.size = 0
+        self._steps, self._changes = np.empty((2, memory, *shape))
+        self._curvatures = np.empty(memory)  # step . change
+
+    def add(self, step: Floats, change: Floats) -> None:
+        """Remember a step, at the cost of the oldest; not one along which the function is no valley."""
+        memory, curvature = len(self._curvatures), float(np.vdot(step, change))
+        if memory == 0 or curvature <= 0.0:
+            return
+        if self.size == memory:
+            for rows in (self._steps, self._changes, self._curvatures):
+                rows[:-1] = rows[1:]
+        self.size = min(self.size + 1, memory)
+        newest = self.size - 1
+        self._steps[newest], self._changes[newest], self._curvatures[newest] = step, change, curvature
+
+    def direction(self, gradient: Floats, inverse: Inverse) -> Floats:
+        """Multiply the gradient by the approximate inverse of the Hessian, in two loops."""
+        if self.size == 0:
+            return inverse(gradient)
+        steps, changes = self._steps[: self.size], self._changes[: self.size]
+        curvatures = self._curvatures[: self.size]
+        result, shares = gradient.copy(), np.empty(self.size)
+        _from_the_newest(steps, changes, curvatures, result, shares)
+        last = changes[-1]
+        result = np.ascontiguousarray(curvatures[-1] / np.vdot(last, inverse(last)) * inverse(result))
+        _from_the_oldest(steps, changes, curvatures, result, shares)
+        return result
+
+
+@kernel
+def _dot(a, b):
+    total = 0.0
+    for axis in range(len(a)):
+        for index in range(a.shape[1]):
+            total += a[axis, index] * b[axis, index]
+    return total
+
+
+@kernel
+def _add_multiple(factor, rows, result):
+    for axis in range(len(rows)):
+        for index in range(rows.shape[1]):
+            result[axis, index] += factor * rows[axis, index]
+
+
+@kernel
+def _from_the_newest(steps, changes, curvatures, result, shares):
+    for pair in range(len(steps) - 1, -1, -1):
+        shares[pair] = _dot(steps[pair], result) / curvatures[pair]
+        _add_multiple(-shares[pair], changes[pair], result)
+
+
+@kernel
+def _from_the_oldest(steps, changes, curvatures, result, shares):
+    for pair in range(len(steps)):
+        _add_multiple(shares[pair] - _dot(changes[pair], result) / curvatures[pair], steps[pair], result)

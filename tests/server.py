@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import httpx
+import numpy as np
 
 from unbend import Surface
 from unbend.mesh.shapes import torus
@@ -31,6 +32,14 @@ def ply(surface: Surface) -> bytes:
 def small_mesh(number: int) -> bytes:
     """A torus of 60 vertices, another one for each number."""
     return ply(torus(minor=0.2 + 0.001 * number, columns=10, rows=6))
+
+
+def two_rings(number: int, **grid: int) -> Surface:
+    """A torus and, apart from it, a smaller one of 18 vertices; another one for each number."""
+    large = torus(minor=0.2 + 0.001 * number, **({"columns": 10, "rows": 6} | grid))
+    small = torus(major=0.5, minor=0.1, columns=6, rows=3)
+    faces = np.concatenate([large.faces, small.faces + len(large.vertices)])
+    return Surface(np.concatenate([large.vertices, small.vertices + np.array([3.0, 0.0, 0.0])]), faces)
 
 
 def medium_mesh() -> bytes:

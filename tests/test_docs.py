@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from unbend.api import Settings
 from unbend.matching.measures import MEASURES
+from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
 
 ROOT = Path(__file__).parent.parent
@@ -26,9 +28,11 @@ def test_every_setting_is_documented_with_its_default():
             assert told == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
 
 
-def test_every_parameter_is_documented_with_its_default():
-    rows = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+)`? \|", (DOCS / "http.md").read_text(), re.MULTILINE))
-    assert rows == {name: str(value) for name, value in Parameters().as_dict().items()}
+@pytest.mark.parametrize(("heading", "defaults"), [("Parameters", Parameters()), ("Policy", MeshPolicy())])
+def test_every_field_is_documented_with_its_default(heading, defaults):
+    section = (DOCS / "http.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    rows = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+)`? \|", section, re.MULTILINE))
+    assert rows == {name: json.dumps(value).strip('"') for name, value in defaults.as_dict().items()}
 
 
 def test_every_measure_is_explained():

@@ -88,6 +88,25 @@ def test_parameters_out_of_range_are_refused_before_a_job_is_made(http_client, p
     check(post_mesh(http_client, small_mesh(242), parameters=parameters), 422, "parameter_invalid")
 
 
+@pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
+@pytest.mark.parametrize(
+    ("policy", "word"),
+    [
+        ("{", "policy"),
+        ("[]", "policy"),
+        ('{"component": "bridge"}', "policy: unknown field 'component'"),
+        ('{"components": "all"}', "components"),
+        ('{"max_vertices": 3}', "max_vertices"),
+        ('{"max_vertices": "many"}', "max_vertices"),
+    ],
+)
+def test_a_policy_out_of_range_is_refused_by_name_before_a_job_is_made(http_client, path, policy, word):
+    before = http_client.get("/v1/jobs", params={"limit": 1}).json()
+    response = http_client.post(path, files={"file": ("x.ply", small_mesh(242))}, data={"policy": policy})
+    assert word in check(response, 422, "parameter_invalid")["detail"]
+    assert http_client.get("/v1/jobs", params={"limit": 1}).json() == before
+
+
 @pytest.mark.parametrize("metadata", ["{", "[]", "null", "1", '"text"'])
 def test_metadata_must_be_a_json_object(http_client, metadata):
     problem = check(post_mesh(http_client, small_mesh(242), metadata=metadata), 422, "parameter_invalid")

@@ -8,8 +8,8 @@ import uuid
 
 import pytest
 
-from server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored
-from unbend import Library, Parameters, compute_signature, read_mesh
+from server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored, two_rings
+from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.mesh.shapes import sphere
 
 # Parameters of these tests alone, so that no other test's shapes take part.
@@ -40,9 +40,10 @@ def ask(http, data: bytes, headers: dict[str, str] | None = None, **fields: str)
     return http.post("/v1/queries", files={"file": ("q.ply", data)}, data={"parameters": FEW} | fields, headers=headers)
 
 
-def expected(server, data: bytes, **options) -> dict:
+def expected(server, data: bytes, policy: MeshPolicy | None = None, **options) -> dict:
     with Library(str(server.library)) as library:
-        return library.rank(compute_signature(read_mesh(data), Parameters(**OWN)), **options).as_dict()
+        signature = compute_signature(read_mesh(data, policy=policy), Parameters(**OWN))
+        return library.rank(signature, **options).as_dict()
 
 
 def test_a_query_that_prefers_to_wait_is_answered_in_place(server, http, ids):
@@ -52,6 +53,18 @@ def test_a_query_that_prefers_to_wait_is_answered_in_place(server, http, ids):
     assert response.json() == expected(server, data, measure="moments", k=2)
     assert [match["name"] for match in response.json()["shapes"]] == ["ring-1", "ring-0"]
     assert response.json()["classes"][0]["label"] == "torus"
+
+
+def test_a_query_is_read_as_its_policy_says_and_compared_with_shapes_of_any(server, http, ids):
+    data = ply(two_rings(0))
+    answers = {
+        kind: ask(http, data, {"Prefer": "wait=30"}, policy=json.dumps({"components": kind})).json()
+        for kind in ("largest", "bridge")
+    }
+    for kind, answer in answers.items():
+        assert answer == expected(server, data, MeshPolicy(components=kind))
+        assert {match["id"] for match in answer["shapes"]} >= set(ids.values())
+    assert answers["largest"]["shapes"][0]["distance"] < answers["bridge"]["shapes"][0]["distance"]
 
 
 def test_a_query_that_does_not_wait_is_a_job_whose_result_is_the_ranking(server, http, ids):

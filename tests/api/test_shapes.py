@@ -10,8 +10,8 @@ import uuid
 import numpy as np
 import pytest
 
-from server import DAMAGED, SAMPLES, ended, post_mesh, small_mesh, stored
-from unbend import Parameters, compute_signature, geodesic_distances, read_mesh
+from server import DAMAGED, SAMPLES, ended, ply, post_mesh, small_mesh, stored, two_rings
+from unbend import MeshPolicy, Parameters, compute_signature, geodesic_distances, read_mesh
 from unbend.matching.measures import MEASURES
 from unbend.mesh.shapes import sheet, tetrahedron
 
@@ -25,8 +25,8 @@ MEDIA_TYPES = {
     "npz": "application/vnd.numpy.npz",
 }
 RECORD = {
-    "id", "name", "label", "metadata", "sha256", "size", "parameters", "version", "area", "stress", "report",
-    "created_at",
+    "id", "name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "stress",
+    "report", "created_at",
 }  # fmt: skip
 JOB = {
     "id", "kind", "state", "stage", "progress", "position", "attempts", "error", "shape_id", "result", "created_at",
@@ -63,6 +63,7 @@ def test_an_upload_is_a_job_then_a_shape_and_the_second_time_the_shape(http):
     assert set(shape) == RECORD
     assert (shape["name"], shape["label"], shape["metadata"]) == ("ring", label, {"n": [1, None]})
     assert (shape["size"], shape["parameters"]) == (len(data), Parameters(**SAMPLES).as_dict())
+    assert shape["policy"] == MeshPolicy().as_dict()
     again = post_mesh(http, data, **fields)
     assert again.status_code == 200
     assert again.json() == shape
@@ -290,6 +291,66 @@ def test_geodesics_need_a_vertex_of_the_shape(http, ring):
     url = f"/v1/shapes/{ring['id']}/geodesics"
     for params in ({}, {"source": -1}, {"source": 60}, {"source": 2**40}, {"source": 0, "update": "straight"}):
         assert http.get(url, params=params).status_code == 422, params
+
+
+def test_a_mesh_read_in_two_ways_is_two_shapes_each_with_its_policy(http):
+    data = ply(two_rings(0))
+    largest = stored(http, data, parameters=FEW)
+    bridged = stored(http, data, parameters=FEW, policy='{"components": "bridge"}')
+    assert largest["policy"] == {"components": "largest", "max_vertices": None}
+    assert bridged["policy"] == {"components": "bridge", "max_vertices": None}
+    assert bridged["sha256"] == largest["sha256"]
+    assert bridged["report"]["links"] == 1
+    expected = [read_mesh(data, policy=MeshPolicy(components=kind)) for kind in ("largest", "bridge")]
+    assert [largest["area"], bridged["area"]] == [surface.area for surface in expected]
+    for shape, policy in ((largest, ""), (largest, "{}"), (bridged, '{"max_vertices":null,"components":"bridge"}')):
+        again = post_mesh(http, data, parameters=FEW, policy=policy)
+        assert (again.status_code, again.json()) == (200, shape), policy
+    faces = [
+        len(http.get(f"/v1/shapes/{shape['id']}/mesh", params={"format": "json"}).json()["faces"])
+        for shape in (largest, bridged)
+    ]
+    assert faces == [len(surface.faces) for surface in expected]
+    answer = http.get(f"/v1/shapes/{bridged['id']}/geodesics", params={"source": 0, "target": 77}).json()
+    assert None not in answer["distances"]
+    assert len(answer["path"]) > 1
+    assert http.get(f"/v1/shapes/{largest['id']}/geodesics", params={"source": 0}).json()["distances"][60] is None
+
+
+def test_geodesics_of_a_simplified_mesh_are_for_the_vertices_of_its_file(http):
+    surface, left, count = two_rings(0, columns=100, rows=20), 2000, 2018
+    data = ply(surface)
+    shape = stored(http, data, parameters=FEW, policy='{"max_vertices": 1000}')
+    assert 900 < shape["report"]["simplified_vertices"] <= 1000
+    url = f"/v1/shapes/{shape['id']}"
+    assert len(http.get(f"{url}/mesh", params={"format": "json"}).json()["vertices"]) <= 1000
+    assert http.get(f"{url}/mesh").content == data
+    source, target = 1945, 1010
+    answer = http.get(f"{url}/geodesics", params={"source": source, "target": target}).json()
+    assert (answer["source"], answer["target"]) == (source, target)
+    assert len(answer["distances"]) == count
+    assert answer["distances"][left:] == [None] * (count - left)
+    actual, expected = np.array(answer["distances"][:left]), geodesic_distances(surface, source)[0][:left]
+    assert actual[source] == 0
+    errors = np.abs(actual - expected) / expected.max()
+    assert errors.mean() < 0.02
+    assert errors.max() < 0.06
+    path = np.array(answer["path"])
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    assert length == pytest.approx(actual[target], rel=0.03)
+    ends = np.linalg.norm(path[[0, -1]] - surface.vertices[[source, target]], axis=1)
+    assert ends.max() < 0.05 * expected.max()
+
+
+def test_geodesics_from_a_vertex_that_vanished_are_refused_in_words(http):
+    shape = stored(http, ply(two_rings(1)), parameters=FEW, policy='{"max_vertices": 40}')
+    url = f"/v1/shapes/{shape['id']}/geodesics"
+    for params, name in (({"source": 70}, "source"), ({"source": 0, "target": 70}, "target")):
+        response = http.get(url, params=params)
+        assert (response.status_code, response.json()["code"]) == (422, "parameter_invalid")
+        assert response.json()["detail"] == f"{name}: vertex 70 vanished when the mesh was simplified"
+    problem = http.get(url, params={"source": 78})
+    assert (problem.status_code, problem.json()["detail"]) == (422, "source: the mesh has no vertex 78, only 0 to 77")
 
 
 @pytest.mark.parametrize(

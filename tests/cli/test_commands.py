@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from server import DAMAGED, SAMPLES, endless_mesh, ply, without_settings
-from unbend import Client, Library, Parameters, compare, compute_signature, read_mesh
+from server import DAMAGED, SAMPLES, endless_mesh, ply, two_rings, without_settings
+from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import leave_one_out
 from unbend.matching.measures import MEASURES, get_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
@@ -98,9 +98,23 @@ def test_help_lists_the_commands():
     assert succeeded("--version").stdout.strip() == "unbend, version 0.1.0"
 
 
+def test_help_loads_nothing_heavy():
+    heavy = "('numpy', 'numba', 'scipy', 'trimesh', 'sqlalchemy', 'fastapi', 'httpx', 'pebble')"
+    code = f"import sys, unbend.cli; print([name for name in {heavy} if name in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_every_command_has_help(command):
     assert "Usage:" in succeeded(command, "--help", run=called).stdout
+
+
+def test_auto_dimensions_are_found(folder):
+    done = succeeded("signature", folder / "sheets/rolled.ply", "--samples", 30, "--dimensions", "auto", run=called)
+    told = json.loads(done.stdout)
+    assert told["parameters"]["dimensions"] == "auto"
+    assert len(told["points"][0]) == 2
 
 
 @pytest.mark.parametrize("file_type", ["ply", "obj", "off", "glb", "npz", "json"])
@@ -216,6 +230,65 @@ def test_a_query_shows_classes_and_shapes_and_the_same_from_a_library_and_a_serv
     assert json.loads(succeeded("query", query, "--url", server.url, "--json", "-k", 3).stdout) == expected
 
 
+OPTIONS = ["--samples", 30, "--dimensions", 2, "--method", "classical", "--components", "bridge", "--max-vertices", 70]
+CHOSEN = Parameters(samples=30, dimensions=2, method="classical")
+READ = MeshPolicy(components="bridge", max_vertices=70)
+
+
+@pytest.fixture(scope="module")
+def rings(tmp_path_factory) -> Path:
+    """A folder of one mesh, of two components."""
+    made = tmp_path_factory.mktemp("rings")
+    (made / "rings.ply").write_bytes(ply(two_rings(7)))
+    return made
+
+
+@pytest.mark.parametrize("place", ["library", "url"])
+def test_an_import_and_a_query_read_and_compute_as_their_options_say(rings, tmp_path, server, place):
+    where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
+    succeeded("import", rings, *where, *OPTIONS, run=called)
+    with Library(str(tmp_path / "a.db" if place == "library" else server.library)) as opened:
+        record = opened.page(limit=500).items[-1]
+    assert (record.name, record.parameters, record.policy) == ("rings", CHOSEN.as_dict(), READ.as_dict())
+    query = ["query", rings / "rings.ply", *where, "--json"]
+    (match,) = json.loads(succeeded(*query, *OPTIONS, run=called).stdout)["shapes"]
+    assert (match["id"], match["distance"]) == (record.id, 0.0)
+    (match,) = json.loads(succeeded(*query, *OPTIONS[:-4], run=called).stdout)["shapes"]
+    assert match["id"] == record.id
+    assert match["distance"] > 0.0
+    others = json.loads(succeeded(*query, run=called).stdout)["shapes"]
+    assert record.id not in [other["id"] for other in others]
+
+
+def test_compare_reads_and_computes_as_its_options_say(rings, folder):
+    a, b = rings / "rings.ply", folder / "rings/thin.ply"
+    told = float(succeeded("compare", a, b, *OPTIONS, run=called).stdout)
+    expected = compare(*(compute_signature(read_mesh(path, policy=READ), CHOSEN) for path in (a, b)))
+    assert told == pytest.approx(expected, rel=1e-5)
+    assert told != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-4], run=called).stdout), rel=1e-3)
+
+
+def test_a_signature_of_a_simplified_mesh_says_so(rings):
+    done = succeeded("signature", rings / "rings.ply", "--components", "bridge", "--max-vertices", 50, run=called)
+    assert len(json.loads(done.stdout)["samples"]) <= 50
+    assert "simplified from 78 to" in done.stderr
+    assert "1 link between 2 components" in done.stderr
+
+
+def test_evaluation_refuses_meshes_that_its_options_refuse(folder, rings):
+    labels = rings / "labels.csv"
+    labels.write_text(f"path,class\nrings.ply,b\n{folder}/rings/thin.ply,a\n{folder}/rings/thick.ply,a\n")
+    told = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=called)
+    assert set(json.loads(told.stdout)) == set(MEASURES)
+    assert "rings.ply: the mesh has 2 components" in told.stderr
+    assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=called).stderr == ""
+
+
+def test_an_import_whose_options_the_service_refuses_is_one_clear_line(folder, server):
+    for option, word in (("--samples", "samples"), ("--max-vertices", "max_vertices")):
+        failed_with_a_sentence(called("import", folder, "--url", server.url, option, 3), word)
+
+
 def test_a_query_of_an_empty_library_says_so(folder, tmp_path):
     done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=called)
     assert "nothing to compare with" in done.stdout
@@ -291,6 +364,11 @@ def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_pat
         ("signature {closed} -o {new}/x.step", ["step"]),
         ("signature {closed} -o {new}/nowhere/x.ply", ["nowhere"]),
         ("signature {closed} --samples 3", ["samples"]),
+        ("signature {closed} --max-vertices 3", ["max_vertices"]),
+        ("compare {mesh} {mesh} --dimensions 0", ["dimensions"]),
+        ("query {mesh} --library {new}/a.db --max-vertices 0", ["max_vertices"]),
+        ("import {folder} --library {new}/a.db --samples 3", ["samples"]),
+        ("evaluate {folder} --labels {folder}/labels.csv --max-vertices 3", ["max_vertices"]),
         ("compare {mesh} {mesh} --measure volume", ["volume"]),
         ("evaluate {folder} --labels {folder}/labels.csv --measure volume", ["volume"]),
         ("query {mesh} --library {new}/nowhere/a.db", ["cannot be opened"]),

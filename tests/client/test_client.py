@@ -11,7 +11,7 @@ import uuid
 
 import pytest
 
-from server import DAMAGED, ENDLESS, SAMPLES, endless_mesh, post_mesh, slow_mesh, small_mesh
+from server import DAMAGED, ENDLESS, SAMPLES, endless_mesh, ply, post_mesh, slow_mesh, small_mesh, two_rings
 from unbend import AsyncClient, Client, Library, Parameters, compute_signature, read_mesh
 from unbend.errors import (
     JobCancelledError,
@@ -174,6 +174,22 @@ def test_queries_rank_the_shapes_of_their_parameters(client, mesh, kind):
     assert (ranking["measure"], ranking["classes"][0]["label"]) == ("moments", "ring")
     assert [(match["id"], match["distance"]) for match in ranking["shapes"]] == [(ids[0], 0.0)]
     assert [match["id"] for match in client.query_shape(ids[0])["shapes"]] == [ids[1]]
+
+
+def test_a_mesh_is_read_as_the_policy_says(client, kind):
+    own = {"samples": {"sync": 31, "async": 32}[kind]}
+    data, bridge = ply(two_rings({"sync": 0, "async": 1}[kind])), {"components": "bridge", "max_vertices": 70}
+    shape = client.submit(data, parameters=own, policy=bridge).result(PATIENCE)
+    assert shape["policy"] == bridge
+    assert (shape["report"]["links"], shape["report"]["components"]) == (1, 2)
+    assert client.query(data, parameters=own, policy=bridge)["shapes"][0]["distance"] == 0.0
+    assert client.query(data, parameters=own)["shapes"][0]["distance"] > 0.0
+    with pytest.raises(MeshGeometryError, match="2 components"):
+        client.submit(data, policy={"components": "error"}).result(PATIENCE)
+    for call in (client.submit, client.query):
+        with pytest.raises(ServiceError, match="max_vertices") as caught:
+            call(data, policy={"max_vertices": 0})
+        assert caught.value.status == 422
 
 
 def test_all_pages_are_walked(client, mesh, server, kind):

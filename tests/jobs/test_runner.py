@@ -12,16 +12,17 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from server import DAMAGED, children, endless_mesh, medium_mesh, ply, small_mesh
-from unbend import Library, Parameters, compute_signature, read_mesh
+from server import DAMAGED, children, endless_mesh, medium_mesh, ply, small_mesh, two_rings
+from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
 from unbend.jobs import JobLimits, JobRunner, Upload
-from unbend.jobs.worker import StoredMesh, convert, distances_from
+from unbend.jobs.worker import StoredMesh, convert, geodesics_from
 from unbend.library.records import JobRecord, ShapeRecord
 from unbend.mesh.shapes import sphere, torus
 
 FEW = Parameters(samples=40)
 MANY = Parameters(samples=2000)
+READ = MeshPolicy()
 PATIENCE = 120.0
 """Seconds that nothing here comes near, unless it hangs."""
 
@@ -33,7 +34,7 @@ async def submit(
     runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object
 ) -> JobRecord | ShapeRecord:
     request = {"name": "a mesh", "label": None, "metadata": {}} | details
-    return await runner.submit("shape", Upload(data, "ply", parameters), request)
+    return await runner.submit("shape", Upload(data, "ply", parameters, READ), request)
 
 
 async def queue(runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object) -> str:
@@ -201,6 +202,27 @@ def test_the_same_mesh_sent_many_times_at_once_is_computed_once(shared, loop):
     assert len(library) == before + 2
 
 
+def test_a_mesh_is_read_as_its_job_says_and_read_otherwise_it_is_another_job(shared, loop):
+    runner, library = shared
+    policies = [MeshPolicy(), MeshPolicy(components="bridge"), MeshPolicy(components="error")]
+
+    async def story() -> list[JobRecord]:
+        uploads = [Upload(ply(two_rings(0)), "ply", FEW, policy) for policy in policies]
+        request = {"name": "rings", "label": None, "metadata": {}}
+        jobs = [await runner.submit("shape", upload, request) for upload in uploads]
+        again = [await runner.submit("shape", upload, request) for upload in uploads]
+        assert [job.id for job in again] == [job.id for job in jobs]
+        return [await end(runner, job.id) for job in jobs]
+
+    largest, bridged, refused = loop(story())
+    assert (refused.state, refused.error["code"]) == ("failed", "mesh_geometry")
+    assert "2 components" in refused.error["message"]
+    shapes = [library.get(job.shape_id) for job in (largest, bridged)]
+    assert [shape.policy for shape in shapes] == [policy.as_dict() for policy in policies[:2]]
+    surfaces = [read_mesh(ply(two_rings(0)), policy=policy) for policy in policies[:2]]
+    assert [shape.area for shape in shapes] == [surface.area for surface in surfaces]
+
+
 def test_a_query_gives_a_ranking_and_leaves_no_mesh(shared, loop):
     runner, library = shared
     library.add(small_mesh(2), label="torus", name="near", parameters=FEW)
@@ -209,7 +231,7 @@ def test_a_query_gives_a_ranking_and_leaves_no_mesh(shared, loop):
     before = (rows(library, "meshes"), len(library))
 
     async def story() -> JobRecord:
-        job = await runner.submit("query", Upload(data, "ply", FEW), {"measure": "moments", "k": 1})
+        job = await runner.submit("query", Upload(data, "ply", FEW, READ), {"measure": "moments", "k": 1})
         return await end(runner, job.id)
 
     job = loop(story())
@@ -224,7 +246,7 @@ def test_a_query_with_a_stored_mesh_finds_it_and_leaves_it(shared, loop):
     shape = library.add(small_mesh(4), parameters=FEW)
 
     async def story() -> JobRecord:
-        job = await runner.submit("query", Upload(small_mesh(4), "ply", FEW), {"measure": "spectrum", "k": 1})
+        job = await runner.submit("query", Upload(small_mesh(4), "ply", FEW, READ), {"measure": "spectrum", "k": 1})
         return await end(runner, job.id)
 
     assert loop(story()).result["shapes"][0] == {"id": shape.id, "name": shape.name, "label": None, "distance": 0.0}
@@ -333,14 +355,15 @@ def test_a_job_that_kills_every_worker_fails_in_the_end(shared, loop):
 def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loop):
     runner, library = shared
     shape = library.add(small_mesh(5), parameters=FEW)
-    mesh = StoredMesh(library.store.url, shape.sha256, "ply")
-    distances = loop(runner.call(distances_from, mesh, "spherical", 0))
-    assert distances[0] == 0.0
-    assert len(distances) == 60
+    mesh = StoredMesh(library.store.url, shape.sha256, "ply", READ)
+    geodesics = loop(runner.call(geodesics_from, mesh, "spherical", 0))
+    assert geodesics.distances[0] == 0.0
+    assert len(geodesics.distances) == 60
+    assert geodesics.path is None
     with pytest.raises(ParameterError):
-        loop(runner.call(distances_from, mesh, "spherical", 60))
+        loop(runner.call(geodesics_from, mesh, "spherical", 60))
     with pytest.raises(NotFoundError):
-        loop(runner.call(convert, StoredMesh(mesh.store_url, "0" * 64, "ply"), "off"))
+        loop(runner.call(convert, StoredMesh(mesh.store_url, "0" * 64, "ply", READ), "off"))
 
 
 def test_a_job_that_is_not_there_is_not_found(shared, loop):
@@ -397,9 +420,8 @@ def test_a_job_over_its_time_is_stopped_and_the_next_one_runs(library):
         with pytest.raises(JobTimeoutError, match=r"4\.5 seconds"):
             await runner.call(time.sleep, PATIENCE)
         shape = library.page().items[0]
-        assert (await runner.call(convert, StoredMesh(library.store.url, shape.sha256, "ply"), "off")).startswith(
-            b"OFF"
-        )
+        mesh = StoredMesh(library.store.url, shape.sha256, "ply", READ)
+        assert (await runner.call(convert, mesh, "off")).startswith(b"OFF")
 
     run_with(library, JobLimits(seconds=4.5, drain_seconds=0.0), story)
 

@@ -2,29 +2,137 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import sqlite3
+import time
+from pathlib import Path
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
+from alembic.config import Config
 from alembic.migration import MigrationContext
-from sqlalchemy import inspect
+from sqlalchemy import Connection, MetaData, create_engine, inspect
+from sqlalchemy.exc import IntegrityError
 
 from server import small_mesh
-from unbend import Library, Parameters
+from unbend import Library, MeshPolicy, Parameters, Signature, compute_signature, read_mesh
 from unbend.errors import ParameterError, StoreError, StoreVersionError
+from unbend.jobs import JobRunner, Upload
+from unbend.library import engine
+from unbend.library.payload import pack_signature, pack_vector
 from unbend.library.schema import metadata
 
 FEW = Parameters(samples=40)
 
 
+def check_schema(connection: Connection) -> None:
+    """Look at every table for what the code declares."""
+    context = MigrationContext.configure(connection, opts={"compare_type": True, "compare_server_default": True})
+    assert compare_metadata(context, metadata) == []
+    seen = inspect(connection)
+    for table in metadata.sorted_tables:
+        expected = {tuple(key.column_keys) for key in table.foreign_key_constraints}
+        assert {tuple(key["constrained_columns"]) for key in seen.get_foreign_keys(table.name)} == expected
+        text = connection.exec_driver_sql("SELECT sql FROM sqlite_master WHERE name = ?", (table.name,)).scalar()
+        assert ("AUTOINCREMENT" in text) == table.dialect_options["sqlite"]["autoincrement"]
+
+
+def migrate(connection: Connection, move, revision: str) -> None:
+    """Move a database to a revision, with `command.upgrade` or `command.downgrade`."""
+    config = Config(attributes={"connection": connection})
+    config.set_main_option("script_location", str(Path(engine.__file__).parent / "migrations"))
+    config.set_main_option("path_separator", "os")
+    move(config, revision)
+
+
 def test_migrations_make_the_schema_that_the_code_uses(tmp_path):
     with Library(str(tmp_path / "a.db")) as library, library.store.read() as connection:
-        context = MigrationContext.configure(connection, opts={"compare_type": True, "compare_server_default": True})
-        assert compare_metadata(context, metadata) == []
-        seen = inspect(connection)
-        for table in metadata.sorted_tables:
-            expected = {tuple(key.column_keys) for key in table.foreign_key_constraints}
-            assert {tuple(key["constrained_columns"]) for key in seen.get_foreign_keys(table.name)} == expected
+        check_schema(connection)
+
+
+def old_library(path: Path) -> None:
+    """A database of the first schema with a stored shape, its job, and a job that waits."""
+    made = create_engine(f"sqlite:///{path}")
+    with made.begin() as connection:
+        migrate(connection, command.upgrade, "0001")
+        tables = MetaData()
+        tables.reflect(connection)
+
+        def add(table: str, **values: object) -> None:
+            connection.execute(tables.tables[table].insert().values(**values))
+
+        stored, waiting = small_mesh(0), small_mesh(1)
+        for data in (stored, waiting):
+            add("meshes", sha256=hashlib.sha256(data).hexdigest(), size=len(data), data=data)
+        surface = read_mesh(stored)
+        signature = compute_signature(surface, FEW)
+        key = {"mesh_sha256": hashlib.sha256(stored).hexdigest(), "parameters": FEW.to_json()}
+        add("signatures", id=7, **key, **about(signature), report=surface.report.as_dict(), area=surface.area)
+        for measure, vector in signature.descriptors.items():
+            add("descriptors", signature_id=7, measure=measure, vector=pack_vector(vector))
+        shape = {"name": "ring", "label": "torus", "metadata": {"n": 1}}
+        add("shapes", seq=9, id="shape", **shape, signature_id=7, created_at=time.time())
+        job = {"kind": "shape", "attempts": 1, "restarts": 0, "file_type": "ply", "created_at": time.time()}
+        add("jobs", seq=4, id="done", **job, **key, state="succeeded", stage="done", progress=1.0, request=shape)
+        key["mesh_sha256"] = hashlib.sha256(waiting).hexdigest()
+        add("jobs", seq=5, id="waits", **job, **key, state="queued", stage="queued", progress=0.0, request=shape)
+    made.dispose()
+
+
+def about(signature: Signature) -> dict[str, object]:
+    return {"version": signature.version, "stress": signature.stress, "payload": pack_signature(signature)}
+
+
+def test_a_library_of_the_first_schema_keeps_what_it_holds_and_knows_it_again(tmp_path):
+    old_library(tmp_path / "a.db")
+    with Library(str(tmp_path / "a.db")) as library:
+        with library.store.read() as connection:
+            check_schema(connection)
+            assert connection.exec_driver_sql("PRAGMA foreign_key_check").all() == []
+        kept = library.get("shape")
+        assert (kept.name, kept.label, kept.metadata, kept.seq) == ("ring", "torus", {"n": 1}, 9)
+        assert (kept.parameters, kept.policy) == (FEW.as_dict(), MeshPolicy().as_dict())
+        assert library.mesh("shape") == small_mesh(0)
+        assert library.add(small_mesh(0), parameters=FEW) == kept
+        (match,) = library.nearest(library.signature("shape"))
+        assert (match.id, match.distance) == ("shape", 0.0)
+        assert asyncio.run(submitted(library, small_mesh(1))).id == "waits"
+        assert asyncio.run(submitted(library, small_mesh(0))) == kept
+        library.remove("shape")
+        with library.store.read() as connection:
+            assert connection.exec_driver_sql("SELECT count(*) FROM descriptors").scalar() == 0
+        assert library.add(small_mesh(0), parameters=FEW).seq == 10
+
+
+async def submitted(library: Library, data: bytes):
+    """What a runner that was never started answers to an upload."""
+    runner = JobRunner(library, workers=1)
+    try:
+        return await runner.submit("shape", Upload(data, "ply", FEW, MeshPolicy()), {})
+    finally:
+        await runner.stop()
+
+
+def test_a_library_can_go_back_to_the_first_schema_and_forth_again(tmp_path):
+    with Library(str(tmp_path / "a.db")) as library:
+        record = library.add(small_mesh(0), parameters=FEW)
+    made = create_engine(f"sqlite:///{tmp_path / 'a.db'}")  # whose driver leaves foreign keys alone
+    with made.begin() as connection:
+        migrate(connection, command.downgrade, "0001")
+        columns = {column["name"] for column in inspect(connection).get_columns("signatures")}
+    made.dispose()
+    assert "policy" not in columns
+    with Library(str(tmp_path / "a.db")) as library:
+        assert library.add(small_mesh(0), parameters=FEW) == record
+
+
+def test_foreign_keys_are_watched_once_the_migration_is_done(tmp_path):
+    with Library(str(tmp_path / "a.db")) as library:
+        library.add(small_mesh(0), parameters=FEW)
+        with pytest.raises(IntegrityError, match="FOREIGN KEY"), library.store.write() as connection:
+            connection.exec_driver_sql("DELETE FROM meshes")
 
 
 def test_a_place_in_the_order_never_comes_again(tmp_path):
@@ -64,6 +172,7 @@ def test_a_store_of_a_later_version_is_refused_and_left_alone(tmp_path):
     with Library(str(path)) as library:
         library.add(small_mesh(0), parameters=FEW)
     with sqlite3.connect(path) as connection:
+        ((ours,),) = connection.execute("SELECT version_num FROM alembic_version").fetchall()
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     connection.close()
     with pytest.raises(StoreVersionError, match="later version"):
@@ -71,7 +180,7 @@ def test_a_store_of_a_later_version_is_refused_and_left_alone(tmp_path):
     with sqlite3.connect(path) as connection:
         assert connection.execute("SELECT version_num FROM alembic_version").fetchall() == [("9999",)]
         assert connection.execute("SELECT count(*) FROM shapes").fetchall() == [(1,)]
-        connection.execute("UPDATE alembic_version SET version_num = '0001'")
+        connection.execute("UPDATE alembic_version SET version_num = ?", (ours,))
     connection.close()
     with Library(str(path)) as library:
         assert len(library) == 1

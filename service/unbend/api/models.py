@@ -23,6 +23,9 @@ class Shape(BaseModel):
     sha256: str = Field(description="Of the file that was uploaded.")
     size: int = Field(description="Bytes of that file.", examples=[20480])
     parameters: dict[str, Any] = Field(description="What the signature was computed with.")
+    policy: dict[str, Any] = Field(
+        description="How the file was read.", examples=[{"components": "largest", "max_vertices": None}]
+    )
     version: str = Field(description="Of the algorithm; signatures of different versions are not compared.")
     area: float = Field(description="Of the surface, in squared units of the file.")
     stress: float = Field(description="Eq. 2 of the paper: 0 where the signature has exactly the geodesic distances.")
@@ -152,10 +155,12 @@ class Distances(BaseModel):
     """Geodesic distances from one vertex, in units of the file."""
 
     source: int
-    distances: list[float | None] = Field(description="One for each vertex of the file; null where unreachable.")
+    distances: list[float | None] = Field(
+        description="One for each vertex of the file; null where unreachable, or not on the simplified surface."
+    )
     target: int | None = None
     path: list[tuple[float, float, float]] | None = Field(
-        None, description="With a target: the minimal path to it, a polyline on the surface."
+        None, description="With a target: the minimal path to it, a polyline on the surface as it was read."
     )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from unbend.geodesics.distances import available_cores
 from unbend.jobs import JobLimits
+from unbend.threads import available_cores
 
 
 class Settings(BaseSettings):

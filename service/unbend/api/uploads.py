@@ -9,26 +9,29 @@ from typing import Any
 from starlette.datastructures import UploadFile
 
 from unbend.jobs import Upload
+from unbend.jsons import parse_json
 from unbend.library.values import MAX_TEXT, check_metadata
 from unbend.mesh.formats.detect import detect_format
-from unbend.signature.parameters import Parameters, parse_json
+from unbend.mesh.policy import MeshPolicy
+from unbend.signature.parameters import Parameters
 
 
-async def read_upload(file: UploadFile, parameters: str | None) -> Upload:
-    """Return the file's bytes, its format and the parameters.
+async def read_upload(file: UploadFile, parameters: str | None, policy: str | None) -> Upload:
+    """Return the file's bytes, its format, and what to compute of it.
 
     Raises
     ------
     MeshFormatError
         If the bytes are of no format that is read. Nothing is parsed here.
     ParameterError
-        If the parameters are not JSON or out of range.
+        If the parameters or the policy are not JSON or out of range.
     """
     chosen = Parameters.from_json(parameters) if parameters else Parameters()
+    reading = MeshPolicy.from_json(policy) if policy else MeshPolicy()
     data = await file.read()
     hint = PurePosixPath(file.filename or "").suffix.lower().lstrip(".")
     file_type = await asyncio.to_thread(detect_format, data, hint)
-    return Upload(data, file_type, chosen)
+    return Upload(data, file_type, chosen, reading)
 
 
 def parse_metadata(text: str | None) -> dict[str, Any]:

@@ -1,17 +1,18 @@
-"""Signatures of many files, on all cores."""
+"""Signatures of files: of one, or of many on all cores."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unbend.cli.folder import LabelledFile
-from unbend.cli.options import progress, warn
+from unbend.cli.options import Values, progress, warn
 from unbend.errors import UnbendError
+from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
-    from unbend.signature.parameters import Parameters
     from unbend.signature.signature import Signature
 
 
@@ -24,9 +25,22 @@ class Computed:
     error: str = ""
 
 
-def compute_files(files: Sequence[LabelledFile], parameters: Parameters) -> list[Computed]:
+def compute_file(mesh: Path, parameters: Values, policy: Values, *, tell: bool = False) -> Signature:
+    """Return the signature of the mesh at `mesh`; `tell` on standard error what reading it found."""
+    from unbend.mesh.read import read_mesh  # noqa: PLC0415
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+    from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
+
+    chosen = Parameters.from_dict(parameters)
+    surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy))
+    for note in surface.report.notes if tell else ():
+        warn(f"{mesh.name}: {note}")
+    return compute_signature(surface, chosen)
+
+
+def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> list[Computed]:
     """Return the signatures of `files` in their order; a file that fails is reported and does not stop the rest."""
-    with progress(_computed(files, parameters), "computing signatures", len(files)) as bar:
+    with progress(_computed(files, parameters, policy), "computing signatures", len(files)) as bar:
         results = list(bar)
     for result in results:
         if result.signature is None:
@@ -34,10 +48,13 @@ def compute_files(files: Sequence[LabelledFile], parameters: Parameters) -> list
     return results
 
 
-def _computed(files: Sequence[LabelledFile], parameters: Parameters) -> Iterator[Computed]:
+def _computed(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[Computed]:
     from unbend.jobs.batch import compute_paths  # noqa: PLC0415
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
-    for file, outcome in zip(files, compute_paths([file.path for file in files], parameters), strict=True):
+    paths = [file.path for file in files]
+    outcomes = compute_paths(paths, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy))
+    for file, outcome in zip(files, outcomes, strict=True):
         if isinstance(outcome, UnbendError):
             yield Computed(file, None, str(outcome))
         else:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from unbend.cli.options import folder_argument, json_option, make_parameters, parameter_options
+from unbend.cli.options import Values, folder_argument, json_option, parameter_options, policy_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,15 +27,15 @@ _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--gallery", type=_CSV, help="A second CSV, of the shapes that --labels' are compared with.")
 @json_option
 @parameter_options
+@policy_options
 def evaluate(
     folder: Path,
     labels: Path,
     measures: tuple[str, ...],
     gallery: Path | None,
     as_json: bool,
-    samples: int,
-    dimensions: int,
-    method: str,
+    parameters: Values,
+    policy: Values,
 ) -> None:
     """Measure retrieval on the labelled shapes of DIR.
 
@@ -50,7 +50,7 @@ def evaluate(
     chosen = [get_measure(name) for name in measures or MEASURES]
     queries = read_labels(labels, folder)
     others = read_labels(gallery, folder) if gallery else []
-    computed = compute_files(queries + others, make_parameters(samples, dimensions, method))
+    computed = compute_files(queries + others, parameters, policy)
     found, held = computed[: len(queries)], computed[len(queries) :]
     figures = {
         measure.name: _accuracy(measure, found, held) if gallery else _leave_one_out(measure, found)

@@ -6,17 +6,20 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import click
 
-if TYPE_CHECKING:
-    from unbend.signature.parameters import Parameters
+from unbend.mesh.policy import Components, MeshPolicy
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
+AUTO = "auto"
 METHODS = ("least_squares", "classical", "fast")
+
+Values = dict[str, Any]
+"""What a group of options says, by field: as the clients send it, and as `from_dict` takes it."""
 
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 mesh_path = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -27,22 +30,50 @@ url_option = click.option("--url", metavar="HTTP", help="Address of a running se
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
-def parameter_options(command: F) -> F:
-    """Add --samples, --dimensions and --method."""
-    for option in (
-        click.option("--method", type=click.Choice(METHODS), default="least_squares", show_default=True),
-        click.option("--dimensions", type=int, default=3, show_default=True, help="Of the signature's space."),
-        click.option("--samples", type=int, default=300, show_default=True, help="Farthest point samples."),
-    ):
-        command = option(command)
-    return command
+def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
+    """Return a decorator that adds `options`; the command gets their values as one mapping called `name`."""
+
+    def put(context: click.Context, option: click.Parameter, value: object) -> None:
+        context.params.setdefault(name, {})[option.name] = value
+
+    def add(command: F) -> F:
+        for flag, settings in reversed(options.items()):
+            command = click.option(flag, expose_value=False, callback=put, show_default=True, **settings)(command)
+        return command
+
+    return add
 
 
-def make_parameters(samples: int, dimensions: int, method: str) -> Parameters:
-    """Return the parameters that the options say."""
-    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+class _Dimensions(click.ParamType):
+    name = "integer or auto"
 
-    return Parameters.from_dict({"samples": samples, "dimensions": dimensions, "method": method})
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        return AUTO if value == AUTO else int(click.INT.convert(value, param, ctx))
+
+
+parameter_options = _group(
+    "parameters",
+    {
+        "--samples": {"type": int, "default": 300, "help": "Farthest point samples."},
+        "--dimensions": {
+            "type": _Dimensions(),
+            "default": 3,
+            "help": 'Of the space; "auto" finds how many.',
+        },
+        "--method": {"type": click.Choice(METHODS), "default": "least_squares", "help": "How samples are embedded."},
+    },
+)
+policy_options = _group(
+    "policy",
+    {
+        "--components": {
+            "type": click.Choice(get_args(Components)),
+            "default": MeshPolicy().components,
+            "help": "Of a mesh of several parts: keep the largest, link them, or refuse it.",
+        },
+        "--max-vertices": {"metavar": "N", "type": int, "help": "Simplify meshes of more than N vertices."},
+    },
+)
 
 
 @contextmanager

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import click
 
-from unbend.cli.options import json_option, library_option, mesh_path, url_option
+from unbend.cli.computing import compute_file
+from unbend.cli.options import (
+    Values,
+    json_option,
+    library_option,
+    mesh_path,
+    parameter_options,
+    policy_options,
+    url_option,
+)
 
 
 @click.command()
@@ -18,30 +26,45 @@ from unbend.cli.options import json_option, library_option, mesh_path, url_optio
 @click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Shapes shown.")
 @click.option("--measure", help="How signatures are compared.")
 @json_option
-def query(mesh: Path, library: str | None, url: str | None, k: int, measure: str | None, as_json: bool) -> None:
-    """Say what MESH is, and what in the library is like it."""
-    ranking = _over_http(mesh, url, k, measure) if url else _in_library(mesh, library or "unbend.db", k, measure)
+@parameter_options
+@policy_options
+def query(
+    mesh: Path,
+    library: str | None,
+    url: str | None,
+    k: int,
+    measure: str | None,
+    as_json: bool,
+    parameters: Values,
+    policy: Values,
+) -> None:
+    """Say what MESH is, and what in the library is like it.
+
+    Only shapes that were stored with the same --samples, --dimensions and --method are compared.
+    """
+    asked = {"k": k} | ({"measure": measure} if measure else {})
+    if url:
+        ranking = _over_http(url, mesh, parameters, policy, asked)
+    else:
+        ranking = _in_library(library or "unbend.db", mesh, parameters, policy, asked)
     click.echo(json.dumps(ranking) if as_json else _table(ranking))
 
 
-def _over_http(mesh: Path, url: str, k: int, measure: str | None) -> dict[str, Any]:
+def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, asked: Values) -> Values:
     from unbend.client import Client  # noqa: PLC0415
 
     with Client(url) as client:
-        return client.query(mesh, measure=measure, k=k)
+        return client.query(mesh, parameters=parameters, policy=policy, **asked)
 
 
-def _in_library(mesh: Path, url: str, k: int, measure: str | None) -> dict[str, Any]:
+def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, asked: Values) -> Values:
     from unbend.library import Library  # noqa: PLC0415
-    from unbend.matching.measures import DEFAULT_MEASURE  # noqa: PLC0415
-    from unbend.mesh.read import read_mesh  # noqa: PLC0415
-    from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
 
     with Library(url) as library:
-        return library.rank(compute_signature(read_mesh(mesh)), measure=measure or DEFAULT_MEASURE, k=k).as_dict()
+        return library.rank(compute_file(mesh, parameters, policy), **asked).as_dict()
 
 
-def _table(ranking: dict[str, Any]) -> str:
+def _table(ranking: Values) -> str:
     if not ranking["shapes"]:
         return "the library holds nothing to compare with"
     lines = [f"{'class':<24}{'distance':>12}{'confidence':>12}"]

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.options import make_parameters, mesh_path, parameter_options, warn
+from unbend.cli.computing import compute_file
+from unbend.cli.options import Values, mesh_path, parameter_options, policy_options, warn
 
 
 @click.command()
@@ -18,18 +19,14 @@ from unbend.cli.options import make_parameters, mesh_path, parameter_options, wa
     help="A ply, obj, off, glb, npz or json file; json on standard output by default.",
 )
 @parameter_options
-def signature(mesh: Path, output: Path | None, samples: int, dimensions: int, method: str) -> None:
+@policy_options
+def signature(mesh: Path, output: Path | None, parameters: Values, policy: Values) -> None:
     """Compute the signature of MESH."""
-    from unbend.mesh.read import read_mesh  # noqa: PLC0415
     from unbend.mesh.write import check_format  # noqa: PLC0415
     from unbend.signature.export import export_signature  # noqa: PLC0415
-    from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
 
     file_type = check_format(output.suffix.lower().lstrip(".") if output else "json")
-    surface = read_mesh(mesh)
-    for note in surface.report.notes:
-        warn(f"{mesh.name}: {note}")
-    found = compute_signature(surface, make_parameters(samples, dimensions, method))
+    found = compute_file(mesh, parameters, policy, tell=True)
     data = export_signature(found, file_type)
     if output:
         output.write_bytes(data)

@@ -118,9 +118,10 @@ class Client:
         label: str | None = None,
         metadata: Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
+        policy: Mapping[str, Any] | None = None,
     ) -> Job:
         """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already."""
-        content = protocol.upload_content(MeshFile.of(source), Details(name, label, metadata, parameters))
+        content = protocol.upload_content(MeshFile.of(source), Details(name, label, metadata, parameters, policy))
         response = self.request("POST", "/v1/shapes", **content)
         return Job(self, *protocol.submitted(response))
 
@@ -131,10 +132,11 @@ class Client:
         measure: str | None = None,
         k: int = 10,
         parameters: Mapping[str, Any] | None = None,
+        policy: Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
         """Return the ranking of classes and shapes for a mesh that is not to be stored."""
-        content = protocol.query_content(MeshFile.of(source), measure, k, parameters)
+        content = protocol.query_content(MeshFile.of(source), measure, k, parameters, policy)
         response = self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
@@ -261,10 +263,11 @@ class AsyncClient:
         label: str | None = None,
         metadata: Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
+        policy: Mapping[str, Any] | None = None,
     ) -> AsyncJob:
         """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already."""
         mesh = await asyncio.to_thread(MeshFile.of, source)
-        content = protocol.upload_content(mesh, Details(name, label, metadata, parameters))
+        content = protocol.upload_content(mesh, Details(name, label, metadata, parameters, policy))
         return AsyncJob(self, *protocol.submitted(await self.request("POST", "/v1/shapes", **content)))
 
     async def query(
@@ -274,11 +277,12 @@ class AsyncClient:
         measure: str | None = None,
         k: int = 10,
         parameters: Mapping[str, Any] | None = None,
+        policy: Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
         """Return the ranking of classes and shapes for a mesh that is not to be stored."""
         mesh = await asyncio.to_thread(MeshFile.of, source)
-        content = protocol.query_content(mesh, measure, k, parameters)
+        content = protocol.query_content(mesh, measure, k, parameters, policy)
         response = await self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())

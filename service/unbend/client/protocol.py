@@ -75,29 +75,31 @@ class Details:
     label: str | None = None
     metadata: Mapping[str, Any] | None = None
     parameters: Mapping[str, Any] | None = None
+    policy: Mapping[str, Any] | None = None
 
 
 def upload_content(mesh: MeshFile, details: Details) -> Content:
     """Return the form of an upload."""
-    fields = {
-        "name": details.name,
-        "label": details.label,
-        "metadata": None if details.metadata is None else json.dumps(dict(details.metadata)),
-        "parameters": None if details.parameters is None else json.dumps(dict(details.parameters)),
-    }
-    return {
-        "files": {"file": (mesh.name, mesh.data)},
-        "data": {key: value for key, value in fields.items() if value is not None},
-    }
+    return _content(mesh, vars(details))
 
 
-def query_content(mesh: MeshFile, measure: str | None, k: int, parameters: Mapping[str, Any] | None) -> Content:
+def query_content(
+    mesh: MeshFile,
+    measure: str | None,
+    k: int,
+    parameters: Mapping[str, Any] | None,
+    policy: Mapping[str, Any] | None,
+) -> Content:
     """Return the form of a query by file."""
-    data = {"k": str(k)}
-    if measure is not None:
-        data["measure"] = measure
-    if parameters is not None:
-        data["parameters"] = json.dumps(dict(parameters))
+    return _content(mesh, {"measure": measure, "k": k, "parameters": parameters, "policy": policy})
+
+
+def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
+    data = {
+        name: json.dumps(dict(value)) if isinstance(value, Mapping) else str(value)
+        for name, value in fields.items()
+        if value is not None
+    }
     return {"files": {"file": (mesh.name, mesh.data)}, "data": data}
 
 

@@ -9,15 +9,18 @@ from pathlib import Path
 from pebble import ProcessExpired, ProcessPool
 
 from unbend.errors import MeshReadError, UnbendError, WorkerLostError
-from unbend.geodesics.distances import available_cores
 from unbend.jobs.worker import initialise
+from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
+from unbend.threads import available_cores
 
 
-def compute_paths(paths: Sequence[Path], parameters: Parameters) -> Iterator[Signature | UnbendError]:
+def compute_paths(
+    paths: Sequence[Path], parameters: Parameters, policy: MeshPolicy | None = None
+) -> Iterator[Signature | UnbendError]:
     """Yield, for each path in order, its signature or the error that stands in its way.
 
     A process for every core; one that dies costs its own file only.
@@ -28,7 +31,7 @@ def compute_paths(paths: Sequence[Path], parameters: Parameters) -> Iterator[Sig
         initargs=(None,),
         context=multiprocessing.get_context("spawn"),
     ) as pool:
-        futures = [pool.schedule(compute_path, args=(path, parameters)) for path in paths]
+        futures = [pool.schedule(compute_path, args=(path, parameters, policy)) for path in paths]
         for path, future in zip(paths, futures, strict=True):
             try:
                 yield future.result()
@@ -40,6 +43,6 @@ def compute_paths(paths: Sequence[Path], parameters: Parameters) -> Iterator[Sig
                 yield MeshReadError(f"{path}: {error.strerror}")
 
 
-def compute_path(path: Path, parameters: Parameters) -> Signature:
+def compute_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> Signature:
     """Return the signature of the mesh at `path`."""
-    return compute_signature(read_mesh(path), parameters, threads=1)
+    return compute_signature(read_mesh(path, policy=policy), parameters, threads=1)

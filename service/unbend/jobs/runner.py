@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
-import hashlib
 import logging
 import tempfile
 from collections.abc import Callable
@@ -23,7 +22,9 @@ from unbend.jobs.progress import ProgressFile, Report
 from unbend.jobs.worker import Outcome, StoredMesh, Task, compute
 from unbend.library import Library, queue
 from unbend.library import shapes as rows
+from unbend.library.key import UploadKey
 from unbend.library.records import JobKind, JobRecord, JobState, ShapeRecord
+from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
 
 logger = logging.getLogger("unbend.jobs")
@@ -48,11 +49,12 @@ class JobLimits:
 
 @dataclass(frozen=True)
 class Upload:
-    """A file to compute: its bytes, and its name's extension where the content does not tell the format."""
+    """A file to compute: its bytes, its name's extension where the content does not tell the format, how to read it."""
 
     data: bytes
     file_type: str
     parameters: Parameters
+    policy: MeshPolicy
 
 
 class JobRunner:
@@ -222,10 +224,8 @@ class JobRunner:
         ProgressFile(self._progress_folder, job_id).remove()
 
     async def _run(self, job: JobRecord) -> None:
-        mesh = StoredMesh(self._library.store.url, job.mesh_sha256 or "", job.file_type)
-        task = Task(job.id, mesh, self._progress_folder, job.parameters)
         try:
-            outcome = await self._pool.call(compute, (task,), self.limits.seconds)
+            outcome = await self._pool.call(compute, (self._task(job),), self.limits.seconds)
             await asyncio.to_thread(self._store, job, outcome)
         except ProcessExpired as error:
             if job.attempts < self.limits.attempts:
@@ -237,6 +237,11 @@ class JobRunner:
         except Exception as error:  # noqa: BLE001  whatever a job does, it ends as that job's failure
             await self._fail(job, error)
         self._announce(job.id)
+
+    def _task(self, job: JobRecord) -> Task:
+        policy = MeshPolicy.from_json(job.policy)
+        mesh = StoredMesh(self._library.store.url, job.mesh_sha256 or "", job.file_type, policy)
+        return Task(job.id, mesh, self._progress_folder, job.parameters)
 
     async def _fail(self, job: JobRecord, error: Exception) -> None:
         typed = typed_error(error, self.limits.seconds)
@@ -256,21 +261,18 @@ class JobRunner:
         return Path(self._folder.name)
 
     def _enqueue(self, kind: JobKind, upload: Upload, request: dict[str, Any]) -> JobRecord | ShapeRecord:
-        sha256 = hashlib.sha256(upload.data).hexdigest()
-        parameters = upload.parameters.to_json()
+        key = UploadKey.of(upload.data, upload.parameters, upload.policy)
         with self._library.store.write() as connection:
             if kind == "shape":
-                if shape := rows.find_shape(connection, sha256, parameters):
+                if shape := rows.find_shape(connection, key):
                     return shape
-                if job := queue.find_active(connection, kind=kind, sha256=sha256, parameters=parameters):
+                if job := queue.find_active(connection, kind=kind, key=key):
                     return job
             waiting = queue.count_queued(connection)
             if waiting >= self.limits.queued:
                 raise QueueFullError(f"{waiting} jobs wait already", retry_after=max(1, waiting // (50 * self.workers)))
-            rows.put_mesh(connection, sha256, upload.data)
-            return queue.enqueue(
-                connection, kind=kind, sha256=sha256, file_type=upload.file_type, parameters=parameters, request=request
-            )
+            rows.put_mesh(connection, key.sha256, upload.data)
+            return queue.enqueue(connection, kind=kind, key=key, file_type=upload.file_type, request=request)
 
     def _claim(self) -> JobRecord | None:
         with self._library.store.write() as connection:
@@ -283,8 +285,9 @@ class JobRunner:
             self._finish(job.id, "succeeded", result=ranking.as_dict())
             return
         new = rows.NewShape(
-            sha256=job.mesh_sha256 or "", signature=outcome.signature, area=outcome.area, report=outcome.report,
-            name=job.request["name"], label=job.request["label"], metadata=job.request["metadata"],
+            sha256=job.mesh_sha256 or "", policy=MeshPolicy.from_json(job.policy), signature=outcome.signature,
+            area=outcome.area, report=outcome.report, name=job.request["name"], label=job.request["label"],
+            metadata=job.request["metadata"],
         )  # fmt: skip
         with self._library.store.write() as connection:
             if queue.get_job(connection, job.id).finished:  # cancelled while the result was on its way

@@ -22,6 +22,8 @@ from unbend.geodesics.paths import geodesic_path
 from unbend.jobs.progress import ProgressFile
 from unbend.library.engine import Store
 from unbend.library.shapes import get_mesh
+from unbend.mesh.correspondence import at_given_vertices, surface_vertex
+from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
@@ -32,11 +34,12 @@ from unbend.signature.signature import Signature
 
 @dataclass(frozen=True)
 class StoredMesh:
-    """Where a mesh file is, and its format where the content does not tell."""
+    """Where a mesh file is, its format where the content does not tell, and how it is read."""
 
     store_url: str
     sha256: str
     file_type: str
+    policy: MeshPolicy
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,14 @@ class Outcome:
     signature: Signature
     area: float
     report: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Geodesics:
+    """Distances from a vertex of a file to all of them, None where it cannot reach, and the path to one of them."""
+
+    distances: list[float | None]
+    path: list[list[float]] | None
 
 
 def initialise(memory_bytes: int | None) -> None:
@@ -98,17 +109,22 @@ def compute(task: Task) -> Outcome:
     return Outcome(signature, surface.area, surface.report.as_dict())
 
 
-def distances_from(mesh: StoredMesh, update: Update, source: int) -> list[float | None]:
-    """Return the geodesic distances of a stored mesh from one vertex; None where it cannot reach."""
+def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | None = None) -> Geodesics:
+    """Return the geodesics of a stored mesh from one vertex of its file.
+
+    Raises
+    ------
+    ParameterError
+        If `source` or `target` is not a vertex of the file, vanished when it was simplified, or no path joins them.
+    """
     surface = _read(mesh)
-    distances = geodesic_distances(surface, source, update=update, threads=1)[0]
-    return [float(distance) if np.isfinite(distance) else None for distance in distances]
-
-
-def path_between(mesh: StoredMesh, source: int, target: int) -> list[list[float]]:
-    """Return the minimal geodesic between two vertices of a stored mesh, (p, 3)."""
-    points: list[list[float]] = geodesic_path(_read(mesh), source, target).tolist()
-    return points
+    start = surface_vertex(surface, source, "source")
+    end = None if target is None else surface_vertex(surface, target, "target")
+    distances = at_given_vertices(surface, geodesic_distances(surface, start, update=update, threads=1)[0])
+    return Geodesics(
+        distances=[float(distance) if np.isfinite(distance) else None for distance in distances],
+        path=None if end is None else geodesic_path(surface, start, end).tolist(),
+    )
 
 
 def convert(mesh: StoredMesh, file_type: str) -> bytes:
@@ -127,7 +143,7 @@ def warm_up() -> bool:
 def _read(mesh: StoredMesh) -> Surface:
     with _store(mesh.store_url).read() as connection:
         data = get_mesh(connection, mesh.sha256)
-    return read_mesh(data, file_type=mesh.file_type)
+    return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy)
 
 
 @cache

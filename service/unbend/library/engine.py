@@ -80,14 +80,15 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:
     cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
     cursor.execute("PRAGMA journal_mode = WAL")
     cursor.execute("PRAGMA synchronous = FULL")  # what was acknowledged survives a power cut
-    cursor.execute("PRAGMA foreign_keys = ON")
     cursor.close()
 
 
 def _begin_sqlite(connection: Connection) -> None:
+    options = connection.get_execution_options()
+    # A migration makes tables anew, and with the old one everything that refers to it would go.
+    connection.exec_driver_sql(f"PRAGMA foreign_keys = {'OFF' if options.get('unbend_migrating') else 'ON'}")
     # A writer takes its lock at once: one that reads first and writes later can be refused half way.
-    reading = connection.get_execution_options().get("unbend_reading", False)
-    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
+    connection.exec_driver_sql("BEGIN" if options.get("unbend_reading") else "BEGIN IMMEDIATE")
 
 
 def _migrate(engine: Engine) -> None:
@@ -95,7 +96,7 @@ def _migrate(engine: Engine) -> None:
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
     try:
-        with engine.begin() as connection:
+        with engine.execution_options(unbend_migrating=True).begin() as connection:
             config.attributes["connection"] = connection
             command.upgrade(config, "head")
     except CommandError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
@@ -12,12 +11,14 @@ from unbend.errors import NotFoundError, ParameterError
 from unbend.library import shapes as rows
 from unbend.library.engine import Store
 from unbend.library.index import IndexedShapes, IndexKey, VectorIndex
+from unbend.library.key import UploadKey
 from unbend.library.payload import unpack_signature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.values import MAX_TEXT, check_changes
 from unbend.matching.evaluate import RetrievalFigures, leave_one_out
 from unbend.matching.measures import DEFAULT_MEASURE, get_measure
 from unbend.matching.ranking import ClassMatch, Gallery, is_known, rank_classes, rank_shapes
+from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
@@ -85,6 +86,7 @@ class Library:
         label: str | None = None,
         metadata: dict[str, Any] | None = None,
         parameters: Parameters | None = None,
+        policy: MeshPolicy | None = None,
     ) -> ShapeRecord:
         """Read a mesh, compute its signature and store both.
 
@@ -99,11 +101,13 @@ class Library:
         metadata : dict, optional
             Anything that JSON can hold.
         parameters : Parameters, optional
+        policy : MeshPolicy, optional
+            How the mesh is read. Shapes are compared whatever theirs is.
 
         Returns
         -------
         ShapeRecord
-            The stored one if the same file was added with the same parameters before.
+            The stored one if the same file was added with the same parameters and policy before.
 
         Raises
         ------
@@ -120,22 +124,23 @@ class Library:
         }
         check_changes(described)
         data = source if isinstance(source, bytes) else given.read_bytes()
-        chosen = parameters or Parameters()
-        sha256 = hashlib.sha256(data).hexdigest()
+        chosen, reading = parameters or Parameters(), policy or MeshPolicy()
+        key = UploadKey.of(data, chosen, reading)
         with self.store.read() as connection:
-            known = rows.find_shape(connection, sha256, chosen.to_json())
+            known = rows.find_shape(connection, key)
         if known:
             return known
-        surface = read_mesh(data, file_type=given.suffix)
+        surface = read_mesh(data, file_type=given.suffix, policy=reading)
         new = rows.NewShape(
-            sha256=sha256,
+            sha256=key.sha256,
+            policy=reading,
             signature=compute_signature(surface, chosen),
             area=surface.area,
             report=surface.report.as_dict(),
             **described,
         )
         with self.store.write() as connection:
-            rows.put_mesh(connection, sha256, data)
+            rows.put_mesh(connection, key.sha256, data)
             return rows.add_shape(connection, new)
 
     def get(self, shape_id: str) -> ShapeRecord:

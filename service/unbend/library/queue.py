@@ -10,6 +10,7 @@ from sqlalchemy import Connection, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
+from unbend.library.key import UploadKey
 from unbend.library.records import JobKind, JobRecord, JobState
 from unbend.library.schema import jobs
 from unbend.library.shapes import drop_unused_mesh
@@ -19,21 +20,15 @@ Lost = Literal["worker", "server", "nothing"]
 
 
 def enqueue(
-    connection: Connection,
-    *,
-    kind: JobKind,
-    sha256: str,
-    file_type: str,
-    parameters: str,
-    request: dict[str, Any],
+    connection: Connection, *, kind: JobKind, key: UploadKey, file_type: str, request: dict[str, Any]
 ) -> JobRecord:
     """Append a job whose mesh is stored already."""
     job_id = uuid.uuid4().hex
     connection.execute(
         insert(jobs).values(
             id=job_id, kind=kind, state="queued", stage="queued", progress=0.0, attempts=0, restarts=0,
-            mesh_sha256=sha256, file_type=file_type, parameters=parameters, request=request,
-            created_at=datetime.now(UTC),
+            mesh_sha256=key.sha256, file_type=file_type, parameters=key.parameters, policy=key.policy,
+            request=request, created_at=datetime.now(UTC),
         )
     )  # fmt: skip
     return get_job(connection, job_id)
@@ -55,12 +50,13 @@ def list_jobs(connection: Connection, *, state: JobState | None, limit: int) -> 
     return [_record(row) for row in connection.execute(query)]
 
 
-def find_active(connection: Connection, *, kind: JobKind, sha256: str, parameters: str) -> JobRecord | None:
+def find_active(connection: Connection, *, kind: JobKind, key: UploadKey) -> JobRecord | None:
     """Return the unfinished job that computes this already, if there is one."""
     query = select(jobs).where(
         jobs.c.kind == kind,
-        jobs.c.mesh_sha256 == sha256,
-        jobs.c.parameters == parameters,
+        jobs.c.mesh_sha256 == key.sha256,
+        jobs.c.parameters == key.parameters,
+        jobs.c.policy == key.policy,
         jobs.c.state.in_(("queued", "running")),
     )
     row = connection.execute(query.limit(1)).one_or_none()

@@ -21,6 +21,7 @@ class ShapeRecord:
     sha256: str
     size: int
     parameters: dict[str, Any]
+    policy: dict[str, Any]
     version: str
     area: float
     stress: float
@@ -61,6 +62,7 @@ class JobRecord:
     mesh_sha256: str | None
     file_type: str
     parameters: str
+    policy: str
     request: dict[str, Any]
     error: dict[str, Any] | None
     result: dict[str, Any] | None

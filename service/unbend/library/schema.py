@@ -61,13 +61,14 @@ signatures = Table(
     Column("id", Integer, primary_key=True),
     Column("mesh_sha256", ForeignKey("meshes.sha256"), nullable=False),
     Column("parameters", String, nullable=False),
+    Column("policy", String, nullable=False),
     Column("version", String, nullable=False),
     Column("report", JSON, nullable=False),
     Column("area", Float, nullable=False),
     Column("stress", Float, nullable=False),
     Column("payload", LargeBinary, nullable=False),
-    UniqueConstraint("mesh_sha256", "parameters", "version"),
-    comment="What was computed: one row for a file, parameters and version of the algorithm.",
+    UniqueConstraint("mesh_sha256", "parameters", "policy", "version"),
+    comment="What was computed: one row for a file, parameters, reading policy and version of the algorithm.",
 )
 
 descriptors = Table(
@@ -108,6 +109,7 @@ jobs = Table(
     Column("mesh_sha256", ForeignKey("meshes.sha256")),
     Column("file_type", String, nullable=False),
     Column("parameters", String, nullable=False),
+    Column("policy", String, nullable=False),
     Column("request", JSON, nullable=False),
     Column("error", JSON),
     Column("result", JSON),

@@ -12,17 +12,19 @@ from sqlalchemy import Connection, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
+from unbend.library.key import UploadKey
 from unbend.library.payload import pack_signature, pack_vector
 from unbend.library.records import ShapePage, ShapeRecord
 from unbend.library.schema import descriptors, jobs, library_state, meshes, shapes, signatures
-from unbend.signature.signature import ALGORITHM_VERSION, Signature
+from unbend.mesh.policy import MeshPolicy
+from unbend.signature.signature import Signature
 
 MAX_PAGE = 500
 
 _COLUMNS = (
     shapes.c.id, shapes.c.name, shapes.c.label, shapes.c.metadata, meshes.c.sha256, meshes.c.size,
-    signatures.c.parameters, signatures.c.version, signatures.c.area, signatures.c.stress, signatures.c.report,
-    shapes.c.created_at, shapes.c.seq,
+    signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
+    signatures.c.report, shapes.c.created_at, shapes.c.seq,
 )  # fmt: skip
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
     meshes, signatures.c.mesh_sha256 == meshes.c.sha256
@@ -34,12 +36,19 @@ class NewShape:
     """What is stored of a shape once its signature is there."""
 
     sha256: str
+    policy: MeshPolicy
     signature: Signature
     area: float
     report: dict[str, Any]
     name: str
     label: str | None
     metadata: dict[str, Any]
+
+    @property
+    def key(self) -> UploadKey:
+        """What other uploads are the same by."""
+        parameters = self.signature.parameters.to_json()
+        return UploadKey(self.sha256, parameters, self.policy.to_json(), self.signature.version)
 
 
 def put_mesh(connection: Connection, sha256: str, data: bytes) -> None:
@@ -71,13 +80,13 @@ def drop_unused_mesh(connection: Connection, sha256: str) -> None:
 
 def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
     """Store a shape whose mesh is stored already; return the one that is there if it has the same key."""
-    known = find_shape(connection, new.sha256, new.signature.parameters.to_json(), new.signature.version)
+    known = find_shape(connection, new.key)
     if known:
         return known
     signature = new.signature
     inserted = connection.execute(
         insert(signatures).values(
-            mesh_sha256=new.sha256, parameters=signature.parameters.to_json(), version=signature.version,
+            mesh_sha256=new.sha256, parameters=new.key.parameters, policy=new.key.policy, version=new.key.version,
             report=new.report, area=new.area, stress=signature.stress, payload=pack_signature(signature),
         )
     ).inserted_primary_key  # fmt: skip
@@ -99,17 +108,16 @@ def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
     return get_shape(connection, shape_id)
 
 
-def find_shape(
-    connection: Connection, sha256: str, parameters: str, version: str = ALGORITHM_VERSION
-) -> ShapeRecord | None:
-    """Return the shape of a file, parameters and version, if there is one."""
+def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:
+    """Return the shape of this key, if there is one."""
     row = connection.execute(
         select(*_COLUMNS)
         .select_from(_JOINED)
         .where(
-            signatures.c.mesh_sha256 == sha256,
-            signatures.c.parameters == parameters,
-            signatures.c.version == version,
+            signatures.c.mesh_sha256 == key.sha256,
+            signatures.c.parameters == key.parameters,
+            signatures.c.policy == key.policy,
+            signatures.c.version == key.version,
         )
     ).one_or_none()
     return None if row is None else _record(row)
@@ -187,4 +195,4 @@ def _cursor(text: str) -> int:
 
 def _record(row: Row[*tuple[Any, ...]]) -> ShapeRecord:
     values = row._asdict()
-    return ShapeRecord(**values | {"parameters": json.loads(values["parameters"])})
+    return ShapeRecord(**values | {name: json.loads(values[name]) for name in ("parameters", "policy")})

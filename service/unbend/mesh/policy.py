@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import ClassVar, Final, Literal, get_args
 
 from unbend.errors import ParameterError
+from unbend.jsons import JsonObject
 
 Components = Literal["largest", "bridge", "error"]
 
@@ -14,8 +15,10 @@ FEWEST_VERTICES: Final = 4
 
 
 @dataclass(frozen=True)
-class MeshPolicy:
+class MeshPolicy(JsonObject):
     """How reading treats a mesh that is not one connected surface, or has more vertices than wanted.
+
+    Hashable, and the same after a round trip through JSON.
 
     Parameters
     ----------
@@ -33,12 +36,15 @@ class MeshPolicy:
         If a value is not one of those listed, or `max_vertices` is below 4.
     """
 
+    called: ClassVar = "policy"
+
     components: Components = "largest"
     max_vertices: int | None = None
 
     def __post_init__(self) -> None:
         if self.components not in get_args(Components):
-            raise ParameterError(f"components must be one of {get_args(Components)}, not {self.components!r}")
+            choices = ", ".join(get_args(Components))
+            raise ParameterError(f"components must be one of {choices}, not {self.components!r}")
         if self.max_vertices is not None and not _is_count(self.max_vertices):
             raise ParameterError(
                 f"max_vertices must be a whole number from {FEWEST_VERTICES}, or None, not {self.max_vertices!r}"

@@ -34,6 +34,7 @@ class FileQuery(BaseModel):
     measure: str = DEFAULT_MEASURE
     k: int = Field(10, ge=1, le=1000, description="Shapes in the answer; all classes are.")
     parameters: str | None = Field(None, description="A JSON object; shapes stored with others are not compared.")
+    policy: str | None = Field(None, description="A JSON object: how to read the file.")
 
 
 _FILE_SCHEMA = FileQuery.model_json_schema()
@@ -93,7 +94,7 @@ async def _by_file(service: Service, form: FormData, wait: float) -> Response:
         raise _invalid(("body", "file"), "a file is required")
     asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
     get_measure(asked.measure)
-    upload = await read_upload(file, asked.parameters)
+    upload = await read_upload(file, asked.parameters, asked.policy)
     answer = await service.runner.submit("query", upload, {"measure": asked.measure, "k": asked.k})
     if not isinstance(answer, JobRecord):
         raise TypeError("a query does not become a shape")

@@ -14,8 +14,9 @@ from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
-from unbend.jobs.worker import StoredMesh, convert, distances_from, path_between
+from unbend.jobs.worker import StoredMesh, convert, geodesics_from
 from unbend.library.records import ShapeRecord
+from unbend.mesh.policy import MeshPolicy
 from unbend.signature.export import export_signature
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
@@ -39,13 +40,16 @@ async def upload_shape(
     label: Annotated[str | None, Form(max_length=200, description="The class it is known to belong to.")] = None,
     metadata: Annotated[str | None, Form(description="A JSON object.", examples=['{"scanner": "A"}'])] = None,
     parameters: Annotated[str | None, Form(description="A JSON object.", examples=['{"samples": 300}'])] = None,
+    policy: Annotated[
+        str | None, Form(description="A JSON object: how to read it.", examples=['{"components": "bridge"}'])
+    ] = None,
 ) -> Response:
     """Store a mesh and have its signature computed.
 
     Answered at once with the job that computes it; the job is durable by then. Where the same bytes were stored
-    with the same parameters before, that shape is the answer.
+    with the same parameters and policy before, that shape is the answer.
     """
-    upload = await read_upload(file, parameters)
+    upload = await read_upload(file, parameters, policy)
     request = {"name": name_of(file, name), "label": label or None, "metadata": parse_metadata(metadata)}
     answer = await service.runner.submit("shape", upload, request)
     if isinstance(answer, ShapeRecord):
@@ -91,7 +95,7 @@ async def get_mesh(
     shape_id: str,
     format: Format | None = None,  # noqa: A002
 ) -> Response:
-    """Download the mesh: byte for byte as it was uploaded, or converted to `format`."""
+    """Download the mesh: byte for byte as it was uploaded, or as it was read, converted to `format`."""
     record = await asyncio.to_thread(service.library.get, shape_id)
     stored = str(record.report["file_type"])
     wanted = choose_format(request, format, stored)
@@ -132,10 +136,11 @@ async def get_geodesics(
 ) -> Distances:
     """Return the geodesic distances from one vertex to all, and the minimal path to `target`."""
     stored = _stored(service, await asyncio.to_thread(service.library.get, shape_id))
-    values: Any = await service.runner.call(distances_from, stored, update, source)
-    path: Any = None if target is None else await service.runner.call(path_between, stored, source, target)
-    return Distances(source=source, distances=values, target=target, path=path)
+    found = await service.runner.call(geodesics_from, stored, update, source, target)
+    path: Any = found.path
+    return Distances(source=source, distances=found.distances, target=target, path=path)
 
 
 def _stored(service: Service, record: ShapeRecord) -> StoredMesh:
-    return StoredMesh(service.library.store.url, record.sha256, str(record.report["file_type"]))
+    policy = MeshPolicy.from_dict(record.policy)
+    return StoredMesh(service.library.store.url, record.sha256, str(record.report["file_type"]), policy)

@@ -1,0 +1,52 @@
+"""Values that are the same after a round trip through JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, ClassVar, Self
+
+from unbend.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class JsonObject:
+    """Base of frozen dataclasses that check their own fields, all of them plain JSON values."""
+
+    called: ClassVar[str]
+    """What messages call it."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain JSON values."""
+        return asdict(self)
+
+    def to_json(self) -> str:
+        """Return canonical JSON: equal values give equal text."""
+        return json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make one from some of the fields, the rest at their defaults; ParameterError names an unknown one."""
+        known = {field.name for field in fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise ParameterError(f"{cls.called}: unknown field {unknown[0]!r}; known are {', '.join(sorted(known))}")
+        return cls(**values)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Make one from JSON text; ParameterError if it is not an object of known fields."""
+        values = parse_json(text, cls.called)
+        if not isinstance(values, dict):
+            raise ParameterError(f"{cls.called} must be a JSON object")
+        return cls.from_dict(values)
+
+
+def parse_json(text: str, what: str) -> Any:
+    """Return the value of JSON text; ParameterError where it is none, or nested too deeply."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else f"not JSON: {error}"
+        raise ParameterError(f"{what}: {reason}") from None

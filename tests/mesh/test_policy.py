@@ -1,0 +1,50 @@
+"""Reading policies: a frozen, hashable value that survives JSON."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from unbend import MeshPolicy
+from unbend.errors import ParameterError
+
+
+@given(
+    st.builds(
+        MeshPolicy,
+        components=st.sampled_from(["largest", "bridge", "error"]),
+        max_vertices=st.none() | st.integers(4, 10**9),
+    )
+)
+def test_json_round_trip_and_hash(policy):
+    again = MeshPolicy.from_json(policy.to_json())
+    assert again == policy
+    assert hash(again) == hash(policy)
+    assert MeshPolicy.from_dict(policy.as_dict()) == policy
+
+
+def test_what_is_left_out_of_the_json_stays_at_its_default():
+    assert MeshPolicy.from_json("{}") == MeshPolicy()
+    assert MeshPolicy.from_json('{"max_vertices": 100}') == MeshPolicy(max_vertices=100)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "policy: not JSON"),
+        ("[]", "policy must be a JSON object"),
+        ("[" * 60_000, "policy: nested too deeply"),
+        ('{"component": "bridge"}', "policy: unknown field 'component'; known are components, max_vertices"),
+        ('{"components": "smallest"}', "components must be one of largest, bridge, error, not 'smallest'"),
+        ('{"components": null}', "components"),
+        ('{"components": []}', "components"),
+        ('{"max_vertices": 3}', "max_vertices"),
+        ('{"max_vertices": true}', "max_vertices"),
+        ('{"max_vertices": "100"}', "max_vertices"),
+        ('{"max_vertices": 100.0}', "max_vertices"),
+    ],
+)
+def test_what_is_out_of_range_is_refused_by_name(text, message):
+    with pytest.raises(ParameterError, match=message):
+        MeshPolicy.from_json(text)

@@ -20,7 +20,7 @@ from sklearn.manifold import smacof as sklearn_smacof
 
 from embedding_meshes import matrices_of_meshes, matrix_of
 from embedding_studies import acceleration_table, dimension_table, order_table
-from embedding_whole import signature_table
+from embedding_whole import form_table, signature_table
 from peers import DATA, ROOT, in_turns, table, write_section
 from unbend.embedding.classical import classical_scaling, inner_products
 from unbend.embedding.gradient import StressGradient
@@ -41,6 +41,7 @@ def main() -> None:
         order_table(matrices),
         dimension_table(matrices),
         signature_table(),
+        form_table(),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "embedding", "\n\n".join(parts))
 

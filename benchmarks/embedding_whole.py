@@ -11,7 +11,17 @@ import potpourri3d as pp3d
 
 from embedding_meshes import SAMPLES, listed
 from peers import DATA, in_turns, table
-from unbend import Surface, compute_signature, farthest_point_sampling, read_mesh
+from unbend import (
+    Surface,
+    canonical_form,
+    compute_signature,
+    farthest_point_sampling,
+    geodesic_matrix,
+    read_mesh,
+)
+from unbend.embedding.stress import stress
+
+HELD_OUT = 200
 
 
 def signature_table() -> str:
@@ -47,6 +57,38 @@ def _whole(data: bytes) -> float:
     marks.append(("end", time.perf_counter()))
     inside = sum(after - at for (stage, at), (_, after) in pairwise(marks) if stage == "geodesics")
     return marks[-1][1] - marks[0][1] - inside
+
+
+def form_table() -> str:
+    paths = [DATA / "tosca5k" / "cat0.off", DATA / "single" / "armadillo.obj", DATA / "single" / "bunny_hr.obj"]
+    header = ["mesh", "stress of the samples", "of other vertices", "signature, ms", "whole form beyond it, ms"]
+    return (
+        f"**Whole forms**: stress (eq. 2) between {HELD_OUT} random vertices that are not samples, where the form puts"
+        " them, beside that of the samples; and the time of placing all vertices, all threads.\n\n"
+        + table(header, [_form_row(path) for path in paths])
+    )
+
+
+def _form_row(path: Path) -> list[str]:
+    surface = read_mesh(path)
+    signature = compute_signature(surface)
+    found = in_turns(
+        {
+            "signature": lambda: compute_signature(surface),
+            "form": lambda: canonical_form(surface, signature=signature),
+        },
+        turns=2,
+    )
+    others = np.setdiff1d(surface.used_vertices, signature.samples)
+    chosen = np.random.default_rng(0).choice(others, HELD_OUT, replace=False)
+    straight = found["form"][1].points[chosen] * signature.scale
+    return [
+        f"{path.stem} ({len(surface.vertices):,})",
+        f"{signature.stress:.5f}",
+        f"{stress(np.ascontiguousarray(straight), geodesic_matrix(surface, chosen)):.5f}",
+        f"{1e3 * found['signature'][0]:.0f}",
+        f"{1e3 * found['form'][0]:.0f}",
+    ]
 
 
 def _heat_rows(surface: Surface, samples: np.ndarray) -> None:

@@ -10,10 +10,10 @@ import pytest
 import unbend
 
 NAMES = {
-    "AsyncClient", "Client", "Embedding", "Library", "MeshPolicy", "Parameters", "Signature", "Surface", "UnbendError",
-    "VoronoiDiagram", "compare", "compute_signature", "effective_dimension", "embed", "farthest_point_sampling",
-    "geodesic_distances", "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours", "read_mesh",
-    "representation_errors",
+    "AsyncClient", "CanonicalForm", "Client", "Embedding", "Flattening", "Library", "MeshPolicy", "Parameters",
+    "Signature", "Surface", "UnbendError", "VoronoiDiagram", "canonical_form", "compare", "compute_signature",
+    "effective_dimension", "embed", "farthest_point_sampling", "flatten", "geodesic_distances", "geodesic_matrix",
+    "geodesic_path", "geodesic_voronoi", "iso_contours", "read_mesh", "representation_errors",
 }  # fmt: skip
 
 

@@ -24,26 +24,32 @@ if TYPE_CHECKING:
     from unbend.mesh.policy import MeshPolicy
     from unbend.mesh.read import read_mesh
     from unbend.mesh.surface import Surface
+    from unbend.signature.canonical_form import CanonicalForm, canonical_form
+    from unbend.signature.flattening import Flattening, flatten
     from unbend.signature.parameters import Parameters
     from unbend.signature.pipeline import compute_signature
     from unbend.signature.signature import Signature
 
 _HOMES = {
     "AsyncClient": "unbend.client",
+    "CanonicalForm": "unbend.signature.canonical_form",
     "Client": "unbend.client",
     "Embedding": "unbend.embedding.embed",
+    "Flattening": "unbend.signature.flattening",
     "Library": "unbend.library",
     "MeshPolicy": "unbend.mesh.policy",
     "Parameters": "unbend.signature.parameters",
     "Signature": "unbend.signature.signature",
     "Surface": "unbend.mesh.surface",
     "UnbendError": "unbend.errors",
+    "canonical_form": "unbend.signature.canonical_form",
     "compare": "unbend.matching.measures",
     "VoronoiDiagram": "unbend.geodesics.voronoi",
     "compute_signature": "unbend.signature.pipeline",
     "effective_dimension": "unbend.embedding.dimension",
     "embed": "unbend.embedding.embed",
     "farthest_point_sampling": "unbend.geodesics.sampling",
+    "flatten": "unbend.signature.flattening",
     "geodesic_distances": "unbend.geodesics.distances",
     "geodesic_matrix": "unbend.geodesics.distances",
     "geodesic_path": "unbend.geodesics.paths",
@@ -57,8 +63,10 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AsyncClient",
+    "CanonicalForm",
     "Client",
     "Embedding",
+    "Flattening",
     "Library",
     "MeshPolicy",
     "Parameters",
@@ -66,11 +74,13 @@ __all__ = [
     "Surface",
     "UnbendError",
     "VoronoiDiagram",
+    "canonical_form",
     "compare",
     "compute_signature",
     "effective_dimension",
     "embed",
     "farthest_point_sampling",
+    "flatten",
     "geodesic_distances",
     "geodesic_matrix",
     "geodesic_path",

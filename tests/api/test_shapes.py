@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from server import DAMAGED, SAMPLES, ended, ply, post_mesh, small_mesh, stored, two_rings
-from unbend import MeshPolicy, Parameters, compute_signature, geodesic_distances, read_mesh
+from unbend import MeshPolicy, Parameters, canonical_form, compute_signature, geodesic_distances, read_mesh
 from unbend.matching.measures import MEASURES
-from unbend.mesh.shapes import sheet, tetrahedron
+from unbend.mesh.shapes import cylinder, sheet, tetrahedron
 
 FEW = json.dumps(SAMPLES)
 MEDIA_TYPES = {
@@ -196,6 +196,36 @@ def test_a_format_we_do_not_have_is_not_acceptable(http, ring, part):
         response = http.get(url, headers={"Accept": accept})
         assert (response.status_code, response.json()["status"]) == (406, 406), accept
     assert http.get(url, params={"format": "step"}).status_code == 422
+
+
+@pytest.mark.parametrize("file_type", MEDIA_TYPES)
+def test_the_whole_form_is_served_in_every_format(http, ring, file_type):
+    expected = canonical_form(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).points
+    response = http.get(f"/v1/shapes/{ring['id']}/signature", params={"format": file_type, "whole": True})
+    assert response.status_code == 200
+    assert 'filename="ring-form.' in response.headers["content-disposition"]
+    if file_type == "json":
+        points = np.array(response.json()["points"])
+    elif file_type == "npz":
+        with np.load(io.BytesIO(response.content)) as file:
+            points = file["points"]
+    else:
+        points = arrays(response.content, file_type)[0]
+    np.testing.assert_allclose(points, expected, atol=1e-6)
+
+
+def test_a_flattened_sheet_has_its_own_vertices_and_texture_coordinates(http):
+    surface = cylinder(columns=12, rows=6)
+    shape = stored(http, ply(surface), name="roll", parameters=FEW)
+    url = f"/v1/shapes/{shape['id']}/flattening"
+    with np.load(io.BytesIO(http.get(url, params={"format": "npz"}).content)) as file:
+        np.testing.assert_allclose(file["vertices"], surface.vertices, atol=1e-6)
+        np.testing.assert_allclose(np.ptp(file["uv"], axis=0).max(), 1.0)
+    text = http.get(url).raise_for_status()
+    assert text.headers["content-type"] == MEDIA_TYPES["obj"]
+    assert text.text.count("\nvt ") == len(surface.vertices)
+    assert http.get(url, params={"format": "ply"}).status_code == 422
+    assert http.get(url, headers={"Accept": MEDIA_TYPES["ply"]}).status_code == 406
 
 
 def test_an_stl_comes_back_as_it_was_and_converts(http):

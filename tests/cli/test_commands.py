@@ -20,7 +20,7 @@ from unbend.matching.evaluate import leave_one_out
 from unbend.matching.measures import MEASURES, get_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
-COMMANDS = {"serve", "signature", "compare", "import", "query", "evaluate", "openapi", "demo"}
+COMMANDS = {"serve", "signature", "flatten", "compare", "import", "query", "evaluate", "openapi", "demo"}
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}
 MEMBERS = {
@@ -108,6 +108,30 @@ def test_help_loads_nothing_heavy():
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_every_command_has_help(command):
     assert "Usage:" in succeeded(command, "--help", run=called).stdout
+
+
+def test_the_whole_form_has_every_vertex(folder, tmp_path):
+    mesh, output = folder / "sheets/rolled.ply", tmp_path / "form.ply"
+    done = succeeded("signature", mesh, "-o", output, "--whole", "--samples", 30, run=called)
+    surface = read_mesh(mesh)
+    assert f"{len(surface.vertices)} points in 3 dimensions" in done.stderr
+    form = read_mesh(output)
+    np.testing.assert_array_equal(form.faces, surface.faces)
+    samples = compute_signature(surface, Parameters(samples=30))
+    np.testing.assert_allclose(form.vertices[samples.samples], samples.points, atol=1e-6)
+
+
+def test_a_rolled_sheet_is_flattened_without_distortion(folder, tmp_path):
+    output = tmp_path / "flat.obj"
+    done = succeeded("flatten", folder / "sheets/rolled.ply", "-o", output, "--samples", 60, run=called)
+    assert "turned over" in done.stderr
+    lines = output.read_text().splitlines()
+    uv = np.array([line.split()[1:] for line in lines if line.startswith("vt ")], float)
+    assert uv.min() >= 0
+    np.testing.assert_allclose(np.sort(np.ptp(uv, axis=0)), [GRID["rows"] / GRID["columns"], 1.0], atol=0.02)
+    refused = called("flatten", folder / "sheets/rolled.ply", "-o", tmp_path / "flat.off")
+    assert refused.returncode != 0
+    assert "obj, glb" in refused.stderr
 
 
 def test_auto_dimensions_are_found(folder):

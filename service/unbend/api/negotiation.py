@@ -10,6 +10,8 @@ from fastapi import HTTPException, Request, Response
 
 Format = Literal["json", "ply", "obj", "off", "glb", "npz"]
 
+TextureFormat = Literal["obj", "glb", "json", "npz"]
+
 MEDIA_TYPES: Final[dict[str, str]] = {
     "json": "application/json",
     "ply": "application/vnd.ply",
@@ -21,14 +23,16 @@ MEDIA_TYPES: Final[dict[str, str]] = {
 }
 
 
-def choose_format(request: Request, wanted: str | None, default: str) -> str:
+def choose_format(
+    request: Request, wanted: str | None, default: str, served: tuple[str, ...] = get_args(Format)
+) -> str:
     """Return the format asked for, `default` where the caller leaves it open; 406 where we have none of those."""
     if wanted:
         return wanted
     accepted = [part.split(";")[0].strip().lower() for part in request.headers.get("accept", "*/*").split(",")]
     if any(part in {"", "*/*", "application/*", "model/*", "application/octet-stream"} for part in accepted):
         return default
-    formats: dict[str, str] = {MEDIA_TYPES[name]: name for name in (*get_args(Format), default)}
+    formats: dict[str, str] = {MEDIA_TYPES[name]: name for name in (*served, default)}
     for part in accepted:
         if part in formats:
             return formats[part]

@@ -13,6 +13,7 @@ from unbend.errors import UnbendError
 from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
+    from unbend.mesh.surface import Surface
     from unbend.signature.signature import Signature
 
 
@@ -25,17 +26,24 @@ class Computed:
     error: str = ""
 
 
-def compute_file(mesh: Path, parameters: Values, policy: Values, *, tell: bool = False) -> Signature:
-    """Return the signature of the mesh at `mesh`; `tell` on standard error what reading it found."""
+def read_file(mesh: Path, policy: Values) -> Surface:
+    """Return the surface of the mesh at `mesh`; what reading it found goes to standard error."""
+    from unbend.mesh.read import read_mesh  # noqa: PLC0415
+
+    surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy))
+    for note in surface.report.notes:
+        warn(f"{mesh.name}: {note}")
+    return surface
+
+
+def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
+    """Return the signature of the mesh at `mesh`."""
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
     from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
 
     chosen = Parameters.from_dict(parameters)
-    surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy))
-    for note in surface.report.notes if tell else ():
-        warn(f"{mesh.name}: {note}")
-    return compute_signature(surface, chosen)
+    return compute_signature(read_mesh(mesh, policy=MeshPolicy.from_dict(policy)), chosen)
 
 
 def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> list[Computed]:

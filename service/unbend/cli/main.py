@@ -12,6 +12,7 @@ from unbend import __version__
 from unbend.cli.compare import compare
 from unbend.cli.demo import demo
 from unbend.cli.evaluate import evaluate
+from unbend.cli.flatten import flatten
 from unbend.cli.importing import import_folder
 from unbend.cli.openapi import openapi
 from unbend.cli.query import query
@@ -49,5 +50,5 @@ def main() -> None:
     """Recognise shapes however they bend."""
 
 
-for command in (serve, signature, compare, import_folder, query, evaluate, openapi, demo):
+for command in (serve, signature, flatten, compare, import_folder, query, evaluate, openapi, demo):
     main.add_command(command)

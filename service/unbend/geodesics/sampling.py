@@ -71,8 +71,8 @@ def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: 
     for number in wanted:  # a single sample's farthest vertex is where the next search starts
         samples, owner, distance = _sample(stencils, usable, vertex, number)
         vertex = int(np.where(np.isfinite(distance), distance, -1.0).argmax())
-    radius = distance[np.isfinite(distance)].max(initial=0.0) * stencils.unit
-    return Sampling(vertex_at[samples].astype(np.int64), owner[stencils.place], float(radius))
+    radius = float(distance[np.isfinite(distance)].max(initial=0.0)) * stencils.unit
+    return Sampling(vertex_at[samples].astype(np.int64), owner[stencils.place], radius)
 
 
 def _sample(stencils: Stencils, usable: Bools, first: int, count: int) -> tuple[Ints, Ints, NDArray[np.float32]]:

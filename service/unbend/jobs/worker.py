@@ -27,6 +27,9 @@ from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
+from unbend.signature.canonical_form import canonical_form
+from unbend.signature.export import export_form
+from unbend.signature.flattening import export_flattening, flatten
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
@@ -131,6 +134,16 @@ def convert(mesh: StoredMesh, file_type: str) -> bytes:
     """Return a stored mesh in another format, as it was after reading and repair."""
     surface = _read(mesh)
     return write_mesh(surface.vertices, surface.faces, file_type)
+
+
+def whole_form(mesh: StoredMesh, signature: Signature, file_type: str) -> bytes:
+    """Return the canonical form of all vertices of a stored mesh, as a file."""
+    return export_form(canonical_form(_read(mesh), signature=signature, threads=1), file_type)
+
+
+def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes:
+    """Return a stored mesh with the texture coordinates of its flattening, as a file."""
+    return export_flattening(flatten(_read(mesh), parameters, threads=1), file_type)
 
 
 def warm_up() -> bool:

@@ -1,4 +1,4 @@
-"""A signature as a file: its surface for viewers, or everything for programs."""
+"""A signature, or a whole canonical form, as a file: its surface for viewers, or everything for programs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from unbend.arrays import Floats
-from unbend.mesh.write import write_mesh
+from unbend.arrays import Floats, Ints
+from unbend.mesh.write import check_format, write_mesh
+from unbend.signature.canonical_form import CanonicalForm
 from unbend.signature.signature import Signature
+
+_SPACE = 3  # dimensions that are places; as many that follow are colours
 
 
 def export_signature(signature: Signature, file_type: str) -> bytes:
@@ -20,7 +23,8 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     ----------
     signature : Signature
     file_type : str
-        "ply", "obj", "off" or "glb": the signature surface, by its first three dimensions, a missing one zero.
+        "ply", "obj", "off" or "glb": the signature surface, by its first three dimensions, a missing one zero; from
+        four dimensions on, the fourth to sixth are colours of its vertices (`coordinate_colours`).
         "json" or "npz": points, faces, samples, weights, descriptors and the numbers beside them.
 
     Raises
@@ -31,12 +35,68 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     if file_type == "json":
         return json.dumps(signature_as_dict(signature)).encode()
     if file_type == "npz":
-        buffer = io.BytesIO()
         names = ("points", "faces", "samples", "weights", "scale", "stress")
-        arrays: dict[str, Any] = {name: getattr(signature, name) for name in names} | signature.descriptors
-        np.savez_compressed(buffer, **arrays)
-        return buffer.getvalue()
-    return write_mesh(_in_space(signature.points), signature.faces, file_type)
+        return _npz({name: getattr(signature, name) for name in names} | signature.descriptors)
+    return _drawn(signature.points, signature.faces, file_type)
+
+
+def export_form(form: CanonicalForm, file_type: str) -> bytes:
+    """Return a canonical form as bytes.
+
+    Parameters
+    ----------
+    form : CanonicalForm
+    file_type : str
+        "ply", "obj", "off" or "glb": drawn as `export_signature` draws.
+        "json" or "npz": points (null or NaN at vertices that no face uses), faces, samples, scale and stress.
+
+    Raises
+    ------
+    ParameterError
+        If the format is none of those.
+    """
+    signature = form.signature
+    if file_type == "json":
+        unused = np.isnan(form.points[:, 0]).tolist()
+        members = {
+            "points": [None if missing else point for point, missing in zip(form.points.tolist(), unused, strict=True)],
+            "faces": form.faces.tolist(),
+            "samples": signature.samples.tolist(),
+            "scale": signature.scale,
+            "stress": signature.stress,
+        }
+        return json.dumps(members).encode()
+    if file_type == "npz":
+        arrays = {"points": form.points, "faces": form.faces, "samples": signature.samples}
+        return _npz(arrays | {"scale": signature.scale, "stress": signature.stress})
+    return _drawn(form.points, form.faces, file_type)
+
+
+def coordinate_colours(points: Floats) -> Floats | None:
+    """Return the fourth to sixth coordinate of each point as red, green and blue, or None below four dimensions.
+
+    Colour c of coordinate x is 0.5 + (x - middle) / range, where `middle` is that of the coordinate's own least and
+    largest value, and `range` is the widest of the three coordinates' ranges. So equal steps of colour are equal
+    lengths in all three, and x = middle + range (c - 0.5). A coordinate that is missing, or not finite, is 0.5. Files
+    keep 8 bits: half a step is range / 510.
+
+    Parameters
+    ----------
+    points : (n, m) float64
+
+    Returns
+    -------
+    (n, 3) float64 or None
+        From 0 to 1.
+    """
+    shown = points[:, _SPACE : 2 * _SPACE]
+    if shown.shape[1] == 0:
+        return None
+    least, largest = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
+    widest = (largest - least).max() or 1.0
+    colours = np.full((len(points), _SPACE), 0.5)
+    colours[:, : shown.shape[1]] += np.nan_to_num((shown - (least + largest) / 2) / widest)
+    return np.asarray(np.clip(colours, 0.0, 1.0))
 
 
 def signature_as_dict(signature: Signature) -> dict[str, object]:
@@ -55,8 +115,15 @@ def signature_as_dict(signature: Signature) -> dict[str, object]:
     }
 
 
-def _in_space(points: Floats) -> Floats:
-    space = np.zeros((len(points), 3))
-    shown = min(3, points.shape[1])
+def _drawn(points: Floats, faces: Ints, file_type: str) -> bytes:
+    check_format(file_type)
+    space = np.zeros((len(points), _SPACE))
+    shown = min(_SPACE, points.shape[1])
     space[:, :shown] = points[:, :shown]
-    return space
+    return write_mesh(space, faces, file_type, colours=coordinate_colours(points))
+
+
+def _npz(arrays: dict[str, Any]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import JSONResponse
 
 from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
-from unbend.api.negotiation import MEDIA_TYPES, Format, choose_format, file_response
+from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response
 from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
-from unbend.jobs.worker import StoredMesh, convert, geodesics_from
+from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library.records import ShapeRecord
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.export import export_signature
+from unbend.signature.parameters import Parameters
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
 
@@ -106,17 +107,37 @@ async def get_mesh(
 
 
 @router.get("/{shape_id}/signature", response_class=Response, responses=_FILE_RESPONSES)
-def get_signature(
+async def get_signature(
     service: ServiceDependency,
     request: Request,
     shape_id: str,
     format: Format | None = None,  # noqa: A002
+    whole: Annotated[bool, Query(description="Place every vertex, not only the samples.")] = False,
 ) -> Response:
     """Download the signature: everything as json (the default) or npz, or its surface as ply, obj, off or glb."""
-    record = service.library.get(shape_id)
+    record = await asyncio.to_thread(service.library.get, shape_id)
     wanted = choose_format(request, format, "json")
-    data = export_signature(service.library.signature(shape_id), wanted)
-    return file_response(data, wanted, f"{record.name}-signature")
+    signature = await asyncio.to_thread(service.library.signature, shape_id)
+    if whole:
+        data = await service.runner.call(whole_form, _stored(service, record), signature, wanted)
+    else:
+        data = await asyncio.to_thread(export_signature, signature, wanted)
+    return file_response(data, wanted, f"{record.name}-{'form' if whole else 'signature'}")
+
+
+@router.get("/{shape_id}/flattening", response_class=Response, responses=_FILE_RESPONSES)
+async def get_flattening(
+    service: ServiceDependency,
+    request: Request,
+    shape_id: str,
+    format: TextureFormat | None = None,  # noqa: A002
+) -> Response:
+    """Download the mesh with texture coordinates: its canonical form in the plane, as obj (the default) or glb."""
+    record = await asyncio.to_thread(service.library.get, shape_id)
+    wanted = choose_format(request, format, "obj", get_args(TextureFormat))
+    parameters = Parameters.from_dict(record.parameters)
+    data = await service.runner.call(flattened, _stored(service, record), parameters, wanted)
+    return file_response(data, wanted, f"{record.name}-flattened")
 
 
 @router.get("/{shape_id}/descriptors", responses=problem_responses(404, 422))

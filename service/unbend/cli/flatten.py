@@ -1,0 +1,40 @@
+"""`unbend flatten`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from unbend.cli.computing import read_file
+from unbend.cli.options import Values, mesh_path, parameter_options, policy_options, warn
+
+
+@click.command()
+@click.argument("mesh", type=mesh_path)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="An obj, glb, npz or json file: MESH with texture coordinates.",
+)
+@parameter_options
+@policy_options
+def flatten(mesh: Path, output: Path, parameters: Values, policy: Values) -> None:
+    """Lay MESH into the plane, and write it with the texture coordinates that gives.
+
+    Surfaces like a sheet come out well; a closed one lies in two layers, so cut it open first.
+    """
+    from unbend.mesh.write import TEXTURE_FORMATS, check_format  # noqa: PLC0415
+    from unbend.signature.flattening import export_flattening  # noqa: PLC0415
+    from unbend.signature.flattening import flatten as lay_flat  # noqa: PLC0415
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+
+    file_type = check_format(output.suffix.lower().lstrip("."), TEXTURE_FORMATS)
+    found = lay_flat(read_file(mesh, policy), Parameters.from_dict(parameters))
+    output.write_bytes(export_flattening(found, file_type))
+    warn(
+        f"{output}: lengths change by a factor of {found.mean_distortion:.4g} on average, {found.max_distortion:.4g} at"
+        f" most; {found.flipped:.1%} of the area is turned over; stress {found.stress:.4g}"
+    )

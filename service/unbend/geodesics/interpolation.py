@@ -1,0 +1,71 @@
+"""Values given at samples, carried to every vertex between them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats, Ints
+from unbend.geodesics.distances import Update
+from unbend.geodesics.fronts import spherical_radius
+from unbend.geodesics.marching import UNREACHED, front_arrays, march
+from unbend.geodesics.start import start_arrays, start_front
+from unbend.geodesics.stencils import SLOTS, Stencils
+from unbend.jit import kernel
+
+_NEAR: Final = 1e-6  # a distance below this share of the reach counts as this: the sample itself has all the weight
+
+
+def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float, update: Update) -> Floats:
+    """Interpolate by inverse geodesic distance, among the samples within `reach` of each vertex.
+
+    Franke & Little's weights (Franke 1982, "Scattered data interpolation: tests of some methods"): a sample at
+    distance d has ((reach - d) / (reach d))^2. They fall to zero smoothly, so each sample's front can stop there and
+    all of them together cost about (reach / spacing)^2 whole fronts, however many samples there are.
+
+    Parameters
+    ----------
+    stencils : Stencils
+    samples : (k,) int32
+        Vertices of the surface.
+    values : (k, m) float64
+    reach : float
+        In units of the surface's; at least the largest distance from a vertex to its nearest sample.
+    update : {"spherical", "planar"}
+
+    Returns
+    -------
+    (n, m) float64
+        `values` themselves at the samples; zero at vertices that no sample reaches.
+    """
+    count = stencils.vertex_count
+    total, weight = np.zeros((count, values.shape[1])), np.zeros(count)
+    radius = reach / stencils.unit
+    _spread_values(
+        stencils.arrays, stencils.place[samples], values, radius,
+        spherical_radius(stencils, spherical=update == "spherical"), np.full(count, np.float32(radius)), total, weight,
+        np.empty(count, np.int32), SLOTS, start_arrays(count), front_arrays(count),
+    )  # fmt: skip
+    reached = weight > 0
+    total[reached] /= weight[reached, None]
+    result = total[stencils.place]
+    result[samples] = values
+    return result
+
+
+@kernel
+def _spread_values(stencils, sources, values, radius, disc, limit, total, weight, reached, width, start, front):
+    seeds, distance = start[0], front[0]
+    for row in range(len(sources)):
+        seeded = start_front(stencils, sources[row], distance, start)
+        size = march(stencils, seeds[:seeded], limit, disc, width, reached, front)
+        for index in range(size):
+            v = reached[index]
+            share = max(distance[v] / radius, _NEAR)
+            distance[v] = UNREACHED
+            if share < 1.0:
+                w = (1.0 / share - 1.0) ** 2
+                weight[v] += w
+                for axis in range(values.shape[1]):
+                    total[v, axis] += w * values[row, axis]

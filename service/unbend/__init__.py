@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from unbend.errors import UnbendError
     from unbend.geodesics.contours import iso_contours
     from unbend.geodesics.distances import geodesic_distances, geodesic_matrix
-    from unbend.geodesics.paths import geodesic_path
+    from unbend.geodesics.paths.shortest import geodesic_path
     from unbend.geodesics.sampling import farthest_point_sampling
     from unbend.geodesics.voronoi import VoronoiDiagram, geodesic_voronoi
     from unbend.library import Library
@@ -52,7 +52,7 @@ _HOMES = {
     "flatten": "unbend.signature.flattening",
     "geodesic_distances": "unbend.geodesics.distances",
     "geodesic_matrix": "unbend.geodesics.distances",
-    "geodesic_path": "unbend.geodesics.paths",
+    "geodesic_path": "unbend.geodesics.paths.shortest",
     "geodesic_voronoi": "unbend.geodesics.voronoi",
     "iso_contours": "unbend.geodesics.contours",
     "read_mesh": "unbend.mesh.read",

@@ -15,9 +15,9 @@ from oracles import exact_distances, grid, mean_relative_error
 from polylines import distance_from_surface, length
 from unbend import Surface, geodesic_distances, read_mesh
 from unbend.errors import MeshGeometryError, ParameterError
-from unbend.geodesics.paths import geodesic_path, path_lengths
-from unbend.geodesics.search import refine
-from unbend.geodesics.strips import path_arrays, strip_mesh, work_arrays
+from unbend.geodesics.paths.search import refine
+from unbend.geodesics.paths.shortest import geodesic_path, path_lengths
+from unbend.geodesics.paths.strips import path_arrays, strip_mesh, work_arrays
 from unbend.mesh.shapes import cone, cylinder, sphere, torus
 
 seeds = st.integers(0, 2**32 - 1)

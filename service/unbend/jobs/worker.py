@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
-from unbend.geodesics.paths import geodesic_path
+from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.progress import ProgressFile
 from unbend.library.engine import Store
 from unbend.library.shapes import get_mesh

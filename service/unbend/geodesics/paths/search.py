@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from unbend.geodesics.descent import descend
-from unbend.geodesics.funnel import append_edge, pull_tight, turn
-from unbend.geodesics.straighten import path_length, shorten
+from unbend.geodesics.paths.descent import descend
+from unbend.geodesics.paths.funnel import append_edge, pull_tight, turn
+from unbend.geodesics.paths.straighten import path_length, shorten
 from unbend.jit import kernel
 
 

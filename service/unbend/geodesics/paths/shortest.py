@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 from unbend.arrays import Floats, Ints
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import check_vertices, geodesic_distances
-from unbend.geodesics.search import crossings, refine, search_shortest, straighten_walk
-from unbend.geodesics.strips import StripMesh, Work, path_arrays, strip_mesh, work_arrays
+from unbend.geodesics.paths.search import crossings, refine, search_shortest, straighten_walk
+from unbend.geodesics.paths.strips import StripMesh, Work, path_arrays, strip_mesh, work_arrays
 from unbend.mesh.surface import Surface
 
 _SNAP: Final = 1e-12  # a path that crosses an edge as near to its end, in units of the edge, goes through the vertex

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from unbend.geodesics.fans import NO_TURN, best_turn, fan_from, push
-from unbend.geodesics.funnel import append_edge, append_piece, edge_in_face, pull_tight
+from unbend.geodesics.paths.fans import NO_TURN, best_turn, fan_from, push
+from unbend.geodesics.paths.funnel import append_edge, append_piece, edge_in_face, pull_tight
 from unbend.jit import kernel
 
 _ROUNDS = 100  # paths take a handful; a bound for what rounding might turn to and fro

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unbend.geodesics.funnel import append_edge
+from unbend.geodesics.paths.funnel import append_edge
 from unbend.jit import inlined, kernel
 
 _STRIKES = 32  # steps in a row that a walk may make without coming nearer, for the field is not exact

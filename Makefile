@@ -31,6 +31,8 @@ check: lint types layers test
 bench: .venv/bench
 	$(BIN)/python benchmarks/geodesics.py
 	$(BIN)/python benchmarks/defects.py
+	$(BIN)/python benchmarks/embedding.py
+	$(BIN)/python benchmarks/paper.py
 	$(BIN)/python benchmarks/retrieval.py
 
 openapi: .venv/run

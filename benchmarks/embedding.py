@@ -20,6 +20,7 @@ from sklearn.manifold import smacof as sklearn_smacof
 
 from embedding_meshes import matrices_of_meshes, matrix_of
 from embedding_studies import acceleration_table, dimension_table, order_table
+from embedding_surfaces import surface_table
 from embedding_whole import form_table, signature_table
 from peers import DATA, ROOT, in_turns, table, write_section
 from unbend.embedding.classical import classical_scaling, inner_products
@@ -40,6 +41,7 @@ def main() -> None:
         acceleration_table(matrices),
         order_table(matrices),
         dimension_table(matrices),
+        surface_table(),
         signature_table(),
         form_table(),
     ]

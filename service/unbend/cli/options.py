@@ -44,11 +44,8 @@ def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
     return add
 
 
-class _Dimensions(click.ParamType):
-    name = "integer or auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        return AUTO if value == AUTO else int(click.INT.convert(value, param, ctx))
+def _dimensions(value: str) -> int | str:
+    return AUTO if value == AUTO else int(value)
 
 
 parameter_options = _group(
@@ -56,7 +53,8 @@ parameter_options = _group(
     {
         "--samples": {"type": int, "default": 300, "help": "Farthest point samples."},
         "--dimensions": {
-            "type": _Dimensions(),
+            "type": _dimensions,
+            "metavar": "N|auto",
             "default": 3,
             "help": 'Of the space; "auto" finds how many.',
         },

@@ -1,36 +1,77 @@
-"""Second and third order moments of a posed point set (Tal & Elad, cited in section 2.3)."""
+"""Second and third order moments of a point set (Tal & Elad, cited in section 2.3), without a choice of axes."""
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
+from typing import Final
 
 import numpy as np
 
 from unbend.arrays import Floats
 
-_AXES = 3  # moments over more axes would be more than the paper's 15
+_AXES: Final = 3
+_BLUR: Final = 0.05
+"""Axes whose second moments differ by less than this share of their sum are shared between them."""
+
+_MIXED: Final = ((0, 0, 0), (0, 1, 1), (0, 1, 2), (0, 2, 2), (1, 1, 1), (1, 1, 2), (1, 2, 2), (2, 2, 2))
+"""Which third moments are kept. The paper has fewer than 15 numbers, so two must go: those most nearly told by others.
+
+What (0, 0, 1) and (0, 0, 2) would say, the sums along axes 1 and 2 do: most of the spread is along axis 0.
+"""
 
 
-def moments(posed: Floats, weights: Floats) -> Floats:
-    """Return the moments of a point set in its principal pose.
+def moments(points: Floats, weights: Floats) -> Floats:
+    """Return the moments of a point set about its principal axes, as a continuous function of the points.
 
-    Second order: the mean of x_i^2 along each axis (the mixed ones vanish in this pose). Third order: the
-    absolute mean of x_i x_j x_k for i <= j <= k. An axis' sign is arbitrary on symmetric shapes; the absolute
-    value is the same for either and does not jump between them.
+    Where two second moments are equal, or nearly, the axes are any in their plane, and moments along them jump with
+    the input's rounding. So each axis a is blurred: instead of the projection onto it stands a function of the
+    second moment matrix M, f_a(M) = k(M - l_a) / tr k(M - l_a), where l_a is an eigenvalue of M and k a Gaussian
+    whose width is a share of tr M. Well apart, axes are projected on as they are; of equal ones each becomes their
+    mean. With the third moments T, the mean of x (x) x (x) x, and their sums t_i = sum_j T_ijj,
+
+        s_a = sqrt(f_a(M) : t (x) t)        m_abc = sqrt(T : (f_a(M) (x) f_b(M) (x) f_c(M)) : T).
+
+    In the principal frame of axes far apart these are |t_a| and |T_abc|. They are norms, so they change by no more
+    than a multiple of what the points do, they are the same for mirrored sets, and s_a keeps what the absolute
+    values alone lose: the signs that T_aaa, T_abb and T_acc have to each other.
 
     Parameters
     ----------
-    posed : (n, m) float64
-        As `principal_pose` returns; the first three axes are used.
+    points : (n, m) float64
+        In any pose.
     weights : (n,) float64
         Area that each point stands for.
 
     Returns
     -------
-    (13,) float64 for m >= 3, (6,) for m = 2, (2,) for m = 1.
+    (14,) float64
+        l_a, the three largest second moments; three s_a; eight m_abc. The last two are divided by the points' root
+        mean square distance from their centre, so that all are squares of a length. Where m < 3, missing axes count as
+        zero; where m > 3, sums and blur take in all axes.
+    """
+    spread, second, third = _principal(points, weights)
+    blurred = np.exp(-(((second[:_AXES, None] - second) / _BLUR) ** 2))  # (3, m)
+    blurred /= blurred.sum(axis=1, keepdims=True)
+    sums = blurred @ np.einsum("ijj->i", third) ** 2
+    squares = third**2
+    for _ in range(3):  # each time the first axis is contracted, and the blurred one becomes the last
+        squares = np.tensordot(squares, blurred, (0, 1))
+    mixed = np.array([squares[axes] for axes in _MIXED])
+    return np.asarray(spread * np.concatenate([second[:_AXES], np.sqrt(np.concatenate([sums, mixed]))]))
+
+
+def _principal(points: Floats, weights: Floats) -> tuple[float, Floats, Floats]:
+    """Return the mean squared distance from the centre, and moments about the principal axes in that unit.
+
+    The second ones, falling, are (m,), the third ones (m, m, m), for an m of at least 3.
     """
     share = weights / weights.sum()
-    axes = posed[:, :_AXES].T
-    second = (axes**2) @ share
-    third = [(axes[i] * axes[j] * axes[k]) @ share for i, j, k in combinations_with_replacement(range(len(axes)), 3)]
-    return np.concatenate([second, np.abs(third)])
+    centred = points - share @ points
+    spread = float(share @ (centred**2).sum(axis=1))
+    if spread > 0:
+        centred = centred / np.sqrt(spread)
+    centred = np.pad(centred, ((0, 0), (0, max(0, _AXES - points.shape[1]))))
+    _, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
+    turned = centred @ axes[:, ::-1]
+    pairs = turned[:, :, None] * (turned * share[:, None])[:, None, :]
+    third = np.tensordot(pairs, turned, (0, 0))
+    return spread, np.einsum("nii->i", pairs), third

@@ -4,27 +4,43 @@ from __future__ import annotations
 
 import numpy as np
 
-from unbend.arrays import Ints
+from unbend.arrays import Floats, Ints
+from unbend.mesh.surface import Surface
+from unbend.signature.collapse import collapse_onto_samples
 
 
-def voronoi_dual(faces: Ints, nearest: Ints) -> Ints:
-    """Join samples whose geodesic Voronoi cells meet in a triangle of the surface.
+def signature_faces(surface: Surface, samples: Ints, nearest: Ints, distances: Floats) -> Ints:
+    """Join samples by collapsing the surface's edges until no other vertices are left (section 2.2).
+
+    The paper decimates as Melax (1998) does. Collapsing within the samples' geodesic Voronoi cells first makes the
+    triangles those of the dual of the Voronoi diagram, wherever samples are dense enough for that to be a surface.
+    Where they are not, in thin fingers, around handles and along boundaries, vertices that are left move across
+    cells, the shortest new edges first, measured by `distances`: so triangles depend on nothing that bending
+    changes. As long as it can, a collapse keeps the link condition (Dey et al. 1999), and with it the surface's
+    genus, orientability and boundaries; it keeps the orientation of faces always. What samples are too few for, a
+    handle of two or a hole of one, closes.
 
     Parameters
     ----------
-    faces : (m, 3) int32
-        Of the surface.
+    surface : Surface
+        Any triangles: they need not be manifold, oriented or connected.
+    samples : (k,) int
+        Vertices of the surface, each once.
     nearest : (n,) int32
-        Sample nearest to each vertex; -1 where there is none.
+        Place in `samples` of the sample nearest to each vertex; -1 where there is none.
+    distances : (k, k) float64
+        Geodesic distances between samples.
 
     Returns
     -------
     (f, 3) int32
-        Indices of samples, oriented as the surface is, each triangle once. With every vertex a sample these are
-        the surface's own faces; samples too sparse for the surface's shape leave gaps.
+        Places in `samples`, oriented as the surface is, each triangle once. With every vertex a sample these are
+        the surface's own faces, without those that use a vertex twice or have the vertices of an earlier one.
+
+    References
+    ----------
+    S. Melax, "A simple, fast, and effective polygon reduction algorithm", Game Developer, November 1998.
+    T. Dey, H. Edelsbrunner, S. Guha, D. Nekhayev, "Topology preserving edge contraction", Publ. Inst. Math.
+    (Beograd) 66 (80), 1999.
     """
-    corners = nearest[faces]
-    a, b, c = corners.T
-    dual = corners[(a != b) & (b != c) & (a != c) & (corners >= 0).all(axis=1)]
-    _, first = np.unique(np.sort(dual, axis=1), axis=0, return_index=True)
-    return np.asarray(dual[np.sort(first)])
+    return collapse_onto_samples(surface, nearest, np.asarray(samples, np.int32), distances)

@@ -17,7 +17,7 @@ from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.sampling import sample_farthest
 from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.surface import Surface
-from unbend.signature.connectivity import voronoi_dual
+from unbend.signature.connectivity import signature_faces
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import Signature
 
@@ -88,7 +88,7 @@ def compute_signature(
     scale = _scale(posed, surface.area, chosen)
     return Signature(
         points=posed / scale,
-        faces=voronoi_dual(surface.faces, sampling.nearest),
+        faces=signature_faces(surface, sampling.samples, sampling.nearest, matrix.distances),
         samples=sampling.samples,
         weights=weights / weights.sum(),
         scale=scale,
@@ -124,4 +124,4 @@ def _describe(surface: Surface, posed: Floats, distances: Floats, weights: Float
 def _surface_moments(surface: Surface) -> Floats:
     used = surface.used_vertices
     areas = surface.vertex_areas[used]
-    return moments(principal_pose(surface.vertices[used], areas) / np.sqrt(surface.area), areas)
+    return moments(surface.vertices[used] / np.sqrt(surface.area), areas)

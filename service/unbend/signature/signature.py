@@ -21,7 +21,7 @@ class Signature:
     points: Floats
     """Canonical coordinates of the samples, (k, m), in the unit that `parameters.scaling` names."""
     faces: Ints
-    """Triangles between samples, (f, 3): the dual of their geodesic Voronoi diagram."""
+    """Triangles between samples, (f, 3): what the surface's own become when edges are collapsed onto samples."""
     samples: Indices
     """Vertex of the surface that each point is, (k,)."""
     weights: Floats
@@ -46,7 +46,7 @@ class Signature:
 
     @property
     def moments(self) -> Floats:
-        """Second and third order moments of the signature, (13,) in three dimensions."""
+        """Second and third order moments of the signature, (14,)."""
         return self.descriptors["moments"]
 
     @property

@@ -1,0 +1,64 @@
+"""What collapsing an edge would do to the topology: the link condition (Dey et al. 1999).
+
+The topology stays if the vertices and edges opposite both ends are those opposite the edge. At a crease, a
+boundary or an edge of three faces or more, a vertex moves along the crease only: there the condition counts a
+further vertex that is joined to every crease.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from unbend.jit import kernel
+from unbend.signature.stars import CREASE, LARGEST_STAR, REGULAR, faces_at, has_face, others, sweep
+
+SAME_SURFACE: Final = 0  # a collapse leaves a homeomorphic surface,
+SAME_SHAPE: Final = 1  # or one of the same homotopy type, with other creases,
+TORN: Final = 2  # or neither
+
+_LARGEST_MOVED: Final = 128  # faces around a vertex that may move; elsewhere they become fewer as others move
+
+
+@kernel
+def damage(corners, nodes, vertex, goal, mark, token):
+    """Return what moving `vertex` onto `goal` does; `walk_ring` has been round `vertex` with `mark`."""
+    kind = nodes[vertex].kind
+    if nodes[vertex].size > _LARGEST_MOVED or not keeps_links(corners, nodes, vertex, goal, mark, token):
+        return TORN
+    if kind == REGULAR:
+        return SAME_SURFACE
+    along = kind == CREASE and nodes[goal].count != 2
+    corner = nodes[vertex].head
+    while corner >= 0:
+        a, b = others(corners, corner)
+        corner = corners[corner].next
+        if goal in (a, b):
+            opposite = b if a == goal else a
+            beside = faces_at(corners, nodes, goal, opposite)
+            if beside + nodes[opposite].count == 2:
+                return TORN  # nothing would be left of that edge
+            along = along and (nodes[opposite].count == 2 or beside == 2)
+    return SAME_SURFACE if along else SAME_SHAPE
+
+
+@kernel
+def keeps_links(corners, nodes, vertex, goal, mark, token):
+    """Tell whether the links of `vertex`, whose ring carries `mark`, and of `goal` meet in that of their edge only."""
+    if nodes[goal].size > LARGEST_STAR:
+        return False
+    sweep(corners, nodes, goal)
+    allowed = nodes[goal].count
+    corner = nodes[goal].head
+    while corner >= 0:
+        a, b = others(corners, corner)
+        corner = corners[corner].next
+        first, second = nodes[a].mark == mark, nodes[b].mark == mark
+        if first and nodes[a].seen != token:
+            nodes[a].seen = token
+            allowed -= 1
+        if second and nodes[b].seen != token:
+            nodes[b].seen = token
+            allowed -= 1
+        if allowed < 0 or (first and second and has_face(corners, nodes, vertex, a, b)):
+            return False
+    return True

@@ -84,7 +84,8 @@ def _peers() -> str:
     )
     seconds = {name: of[0] for name, of in found.items()}
     fits = [
-        ("unbend, accelerated", "ours"), ("unbend, SMACOF", "plain"), ("scikit-learn smacof", "theirs"),
+        ("unbend, accelerated", "ours"), ("unbend, accelerated, to 1e-4", "early"),
+        ("unbend, SMACOF", "plain"), ("scikit-learn smacof", "theirs"),
         ("s_gd2, 30 rounds, no start", "sgd"),
     ]  # fmt: skip
     rows = [

@@ -51,10 +51,13 @@ UNFOLDING_STEPS: Final = 12
 Kimmel & Sethian (1998) bound the number by the mesh's smallest angle; 12 suffices for angles above 8 degrees.
 """
 
+SYMMETRY: Final = 1e-9
+"""By how much, as a share of the largest, entries of a symmetric matrix may differ from their mirror images."""
+
 REPRESENTATION_ERROR: Final = 0.05
 """Of an embedding in the effective dimension (section 3: "we allowed a representation error of up to 5 percent")."""
 
-EIGENPAIR_RESIDUAL: Final = 1e-9
+EIGENPAIR_RESIDUAL: Final = 1e-8
 """Norm of B v - lambda v, in units of the largest eigenvalue, at which an eigenpair of classical scaling is done.
 
 An eigenvalue errs by the square of that, over its distance from the next.

@@ -106,6 +106,18 @@ def test_weights_of_one_are_no_weights_and_zero_leaves_a_pair_out():
     assert embed(wrong, weights=weights).stress < 0.01 * embed(wrong).stress
 
 
+def test_the_size_of_weights_does_not_matter_but_too_wide_a_range_is_refused():
+    distances = city_block(20)
+    weights = squareform(np.random.default_rng(20).uniform(0.5, 2, 780))
+    for factor in (1e-60, 1e60):
+        np.testing.assert_allclose(
+            embed(distances, weights=factor * weights).points, embed(distances, weights=weights).points, atol=1e-6
+        )
+    weights[:20, 20:] = weights[20:, :20] = 1e-40
+    with pytest.raises(ParameterError, match="orders of magnitude"):
+        embed(distances, weights=weights)
+
+
 def test_heavy_points_fit_best():
     distances = city_block(14, 60)
     heavy = np.arange(60) < 20

@@ -13,7 +13,7 @@ from unbend.tolerances import SPECTRUM_FLOOR
 
 _KERNELS: Final[tuple[tuple[Callable[[Floats], Floats], int], ...]] = (
     (lambda d: np.exp(-d), 60),
-    (lambda d: d**0.75, 60),
+    (lambda d: np.sqrt(d * np.sqrt(d)), 60),  # d^0.75, without a logarithm for each
     (lambda d: d, 40),
 )
 """Functions of the distance, and how many eigenvalues of each are kept."""
@@ -45,7 +45,7 @@ def geodesic_spectrum(distances: Floats, weights: Floats) -> Floats:
 
 
 def _logarithms(matrix: Floats, kept: int) -> Floats:
-    magnitudes = np.sort(np.abs(eigvalsh(matrix, check_finite=False)))[::-1][:kept]
+    magnitudes = np.sort(np.abs(eigvalsh(matrix, overwrite_a=True, check_finite=False)))[::-1][:kept]
     padded = np.zeros(kept)
     padded[: len(magnitudes)] = magnitudes
     return np.log(np.maximum(padded, SPECTRUM_FLOOR))

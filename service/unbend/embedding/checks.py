@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from unbend.arrays import Floats
 from unbend.errors import ParameterError
+from unbend.tolerances import SYMMETRY
 
 
 def check_distances(distances: ArrayLike) -> Floats:
@@ -17,6 +18,7 @@ def check_distances(distances: ArrayLike) -> Floats:
     if not np.isfinite(matrix).all():
         row, column = np.argwhere(~np.isfinite(matrix))[0]
         raise ParameterError(f"distances[{row}, {column}] is {matrix[row, column]}: embed one component at a time")
+    _check_symmetry(matrix, "distances")
     if matrix.min() < 0:
         raise ParameterError(f"a distance is negative: {matrix.min()}")
     if np.diagonal(matrix).any():
@@ -31,6 +33,7 @@ def check_pair_weights(weights: ArrayLike, count: int) -> Floats:
         raise ParameterError(f"weights must be {(count, count)} like distances, not {matrix.shape}")
     if not np.isfinite(matrix).all() or matrix.min() < 0:
         raise ParameterError("weights must be finite and not negative")
+    _check_symmetry(matrix, "weights")
     if connected_components(csr_array(matrix), directed=False)[0] > 1:
         raise ParameterError("the pairs with a weight must connect all points")
     return matrix
@@ -50,6 +53,9 @@ def _square(values: ArrayLike, what: str) -> Floats:
     matrix = np.ascontiguousarray(values, np.float64)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or len(matrix) == 0:
         raise ParameterError(f"{what} must be a square matrix, not of shape {matrix.shape}")
-    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0, equal_nan=True):
-        raise ParameterError(f"{what} must be symmetric")
     return matrix
+
+
+def _check_symmetry(matrix: Floats, what: str) -> None:
+    if np.abs(matrix - matrix.T).max() > SYMMETRY * np.abs(matrix).max():
+        raise ParameterError(f"{what} must be symmetric")

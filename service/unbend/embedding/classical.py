@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from unbend.arrays import Floats
+from unbend.embedding.fast import fastmap
 from unbend.embedding.krylov import leading_eigenpairs
 
 
@@ -33,7 +34,8 @@ def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None
     shares = np.full(count, 1 / count) if weights is None else weights / weights.sum()
     roots = np.sqrt(shares * count)
     squared = distances**2
-    found = leading_eigenpairs(lambda columns: _inner_times(squared, shares, roots, columns), count, kept)
+    start = fastmap(distances, kept)[0]  # its axes span nearly the same space
+    found = leading_eigenpairs(lambda columns: _inner_times(squared, shares, roots, columns), start)
     if found is None:
         inner = roots[:, None] * inner_products(squared, shares) * roots
         values, vectors = eigh(inner, subset_by_index=[count - kept, count - 1], overwrite_a=True, check_finite=False)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,8 +61,8 @@ def embed(
     dimensions : int or "auto", default 3
         "auto" takes the effective dimension: the fewest with a representation error of at most 5 %, up to 12.
     method : {"least_squares", "classical", "fast"}
-        Accelerated SMACOF from the better of the other two (lowest stress), classical scaling, or FastMap (fewest
-        operations).
+        Accelerated SMACOF from the classical solution (lowest stress), classical scaling, or FastMap (fewest
+        operations). The stress of the first is never above that of the others.
     weights : (n, n) or (n,) array, optional
         Of pairs, w_ij of eq. 2, for "least_squares": symmetric, not negative, connecting all points. Or of points,
         above zero, such as the area each stands for: for "classical", and for "least_squares", where w_ij is the
@@ -85,7 +85,7 @@ def embed(
     matrix = check_distances(distances)
     if method not in get_args(Method):
         raise ParameterError(f"method must be one of {get_args(Method)}, not {method!r}")
-    if starts < 0 or starts != int(starts) or (starts and method != "least_squares"):
+    if not _is_count(starts) or (starts and method != "least_squares"):
         raise ParameterError(f"starts must be a whole number from 0, for least_squares only, not {starts!r}")
     check_threads(threads)
     pairs, shares = _checked_weights(weights, method, len(matrix))
@@ -96,34 +96,38 @@ def embed(
     points, eigenvalues = classical_scaling(matrix, wanted, shares)
     if method == "classical":
         return Embedding(points, stress(points, matrix), 0, eigenvalues)
-    points, value, iterations = min(
-        (_scaled(matrix, start, pairs, threads) for start in _starts(matrix, points, pairs, starts)),
-        key=lambda found: found[1],
-    )
-    return Embedding(points, value, iterations, eigenvalues)
+    found = [_scaled(matrix, points, pairs, threads)]
+    fast, _ = fastmap(matrix, wanted)
+    if stress(fast, matrix, pairs) < found[0].stress:  # the classical start led to a poor minimum
+        found.append(_scaled(matrix, fast, pairs, threads))
+    found += [_scaled(matrix, start, pairs, threads) for start in _random_points(matrix, wanted, starts)]
+    best = min(found, key=lambda scaled: scaled.stress)
+    return replace(best, eigenvalues=eigenvalues)
 
 
-def _starts(matrix: Floats, classical: Floats, weights: Floats | None, further: int) -> Iterator[Floats]:
-    """Yield points to start from: the better of classical scaling and FastMap, and random ones of the same size."""
-    fast, _ = fastmap(matrix, classical.shape[1])
-    yield min(classical, fast, key=lambda points: stress(points, matrix, weights))
-    rng = np.random.default_rng(0)
-    spread = np.sqrt(np.mean(matrix**2) / (2 * classical.shape[1]))  # E |x - y|^2 = 2 m spread^2
-    for _ in range(further):
-        yield spread * rng.standard_normal(classical.shape)
-
-
-def _scaled(matrix: Floats, start: Floats, weights: Floats | None, threads: int | None) -> tuple[Floats, float, int]:
+def _scaled(matrix: Floats, start: Floats, weights: Floats | None, threads: int | None) -> Embedding:
     points, iterations = smacof(matrix, start, weights, threads=threads)
-    return points, stress(points, matrix, weights), iterations
+    return Embedding(points, stress(points, matrix, weights), iterations, np.empty(0))
+
+
+def _random_points(matrix: Floats, dimensions: int, times: int) -> Iterator[Floats]:
+    """Yield normally distributed points, with squared distances that on average are those given."""
+    rng = np.random.default_rng(0)
+    spread = np.sqrt(np.mean(matrix**2) / (2 * dimensions))  # E |x - y|^2 = 2 m spread^2
+    for _ in range(times):
+        yield spread * rng.standard_normal((len(matrix), dimensions))
 
 
 def _checked_dimensions(dimensions: object, matrix: Floats) -> int:
     if dimensions == AUTO:
         return effective_dimension(matrix)
-    if isinstance(dimensions, bool) or not isinstance(dimensions, int | np.integer) or dimensions < 1:
+    if not _is_count(dimensions) or dimensions == 0:
         raise ParameterError(f'dimensions must be a whole number from 1, or "auto", not {dimensions!r}')
     return int(dimensions)
+
+
+def _is_count(value: object) -> TypeGuard[int]:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 0)
 
 
 def _checked_weights(weights: ArrayLike | None, method: Method, count: int) -> tuple[Floats | None, Floats | None]:

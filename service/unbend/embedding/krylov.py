@@ -12,14 +12,13 @@ from unbend.tolerances import EIGENPAIR_RESIDUAL
 
 _SPARE: Final = 3  # columns beyond those wanted: they keep close and repeated eigenvalues apart
 _STEPS: Final = 30
-_PATIENCE: Final = 2  # steps between looks at the residuals
 _SMALL: Final = 400  # a dense solver is as quick
 
 Multiply = Callable[[Floats], Floats]
 
 
-def leading_eigenpairs(multiply: Multiply, size: int, wanted: int) -> tuple[Floats, Floats] | None:
-    """Return the `wanted` largest eigenvalues, falling, and their vectors (size, wanted).
+def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Floats] | None:
+    """Return the largest eigenvalues, falling, and their vectors, as many as `start` has columns.
 
     None where the matrix is small, or they did not converge: then a dense solver is the better one.
 
@@ -27,20 +26,22 @@ def leading_eigenpairs(multiply: Multiply, size: int, wanted: int) -> tuple[Floa
     ----------
     multiply : callable
         Multiplies columns, (size, b), by the matrix.
-    size, wanted : int
+    start : (size, wanted) float64
+        Near the vectors, if possible.
     """
+    size, wanted = start.shape
     width = wanted + _SPARE
     if size < max(_SMALL, width * _STEPS):
         return None
     basis, images = np.empty((2, _STEPS * width, size))  # columns as rows, so that a step fills what lies together
-    block = np.linalg.qr(np.random.default_rng(0).standard_normal((size, width)))[0]
+    spare = np.random.default_rng(0).standard_normal((size, _SPARE)) * np.abs(start).max()
+    block = np.linalg.qr(np.hstack([start, spare]))[0]
     for step in range(_STEPS):
         start, stop = step * width, (step + 1) * width
         basis[start:stop], images[start:stop] = block.T, multiply(block).T
-        if step % _PATIENCE == 0:
-            values, vectors, residual = _ritz_pairs(basis[:stop].T, images[:stop].T, wanted)
-            if residual <= EIGENPAIR_RESIDUAL * np.abs(values).max():
-                return values, vectors
+        values, vectors, residual = _ritz_pairs(basis[:stop].T, images[:stop].T, wanted)
+        if residual <= EIGENPAIR_RESIDUAL * np.abs(values).max():
+            return values, vectors
         block = _orthogonalised(images[start:stop].T, basis[:stop].T)
     return None
 

@@ -15,6 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 from unbend.arrays import Floats
 from unbend.embedding.gradient import StressGradient
 from unbend.embedding.quasi_newton import minimise
+from unbend.errors import ParameterError
 from unbend.tolerances import SINGLE_STRESS, SMACOF_DECREASE, SMACOF_ITERATIONS, SMACOF_MEMORY, ZERO_STRESS
 
 
@@ -52,9 +53,15 @@ def smacof(
         The last configuration; its stress is never above that of `start`.
     iterations : int
         How many were made, each one evaluation of B(X) X.
+
+    Raises
+    ------
+    ParameterError
+        If weights differ by more than double precision can tell.
     """
-    if weights is not None and _are_equal(weights):
-        weights = None  # the minimum is the same, and by the same steps
+    if weights is not None:
+        # Neither the weights' size nor equal ones change where the minimum is.
+        weights = None if _are_equal(weights) else weights / weights.max()
     inverse = _laplacian_inverse(weights, len(distances))
     axes, made = np.ascontiguousarray((start - start.mean(axis=0)).T), 0
     for single, floor in ((True, SINGLE_STRESS), (False, ZERO_STRESS)):
@@ -81,5 +88,8 @@ def _laplacian_inverse(weights: Floats | None, count: int) -> Callable[[Floats],
         return lambda axes: axes / count  # eq. 9
     laplacian = np.diag(weights.sum(axis=1)) - weights
     laplacian += laplacian.trace() / count**2  # the constant ones: same inverse on centred columns, and definite
-    factor = cho_factor(laplacian, overwrite_a=True, check_finite=False)
+    try:
+        factor = cho_factor(laplacian, overwrite_a=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        raise ParameterError("the weights differ by so many orders of magnitude that they connect no points") from None
     return lambda axes: np.ascontiguousarray(cho_solve(factor, axes.T, check_finite=False).T)

@@ -83,7 +83,7 @@ they nearly do for the human and the elephant, not for the others. A guess that 
 **0.32 to 0.35 for least squares at m = 1**, nearly the same for four different shapes. On a line a step of SMACOF
 depends on nothing but the order of the points, and soon the order stays as it is: the result is the start's. (With all
 δ equal, every order gives 1 - 2/3 = 0.333.) The plain iteration from {RANDOM_STARTS} random starts, beside ours, which
-starts from the better of classical scaling and FastMap:
+starts from classical scaling:
 
 {random_starts()}
 

@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 import trimesh
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import ParameterError
@@ -78,6 +80,7 @@ def _write_finite(file_type: str, vertices: Floats, faces: Ints, colours: Floats
     bytes_ = None if colours is None else np.rint(255 * colours).astype(np.uint8)
     mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_colors=bytes_)
     if uv is not None:
-        mesh.visual = trimesh.visual.TextureVisuals(uv=uv)  # type: ignore[no-untyped-call]
+        plain = PBRMaterial()  # type: ignore[no-untyped-call]  # the default one needs an imaging library
+        mesh.visual = TextureVisuals(uv=uv, material=plain)  # type: ignore[no-untyped-call]
     data: Any = mesh.export(file_type=file_type)
     return bytes(data)

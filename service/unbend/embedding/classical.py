@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 
 from unbend.arrays import Floats
 from unbend.embedding.fast import fastmap
-from unbend.embedding.krylov import leading_eigenpairs
+from unbend.embedding.krylov import is_worthwhile, leading_eigenpairs
 
 
 def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None = None) -> tuple[Floats, Floats]:
@@ -34,8 +34,10 @@ def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None
     shares = np.full(count, 1 / count) if weights is None else weights / weights.sum()
     roots = np.sqrt(shares * count)
     squared = distances**2
-    start = fastmap(distances, kept)[0]  # its axes span nearly the same space
-    found = leading_eigenpairs(lambda columns: _inner_times(squared, shares, roots, columns), start)
+    found = None
+    if is_worthwhile(count, kept):
+        start = fastmap(distances, kept)[0]  # its axes span nearly the same space
+        found = leading_eigenpairs(lambda columns: _inner_times(squared, shares, roots, columns), start)
     if found is None:
         inner = roots[:, None] * inner_products(squared, shares) * roots
         values, vectors = eigh(inner, subset_by_index=[count - kept, count - 1], overwrite_a=True, check_finite=False)

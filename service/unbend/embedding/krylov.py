@@ -17,10 +17,15 @@ _SMALL: Final = 400  # a dense solver is as quick
 Multiply = Callable[[Floats], Floats]
 
 
+def is_worthwhile(size: int, wanted: int) -> bool:
+    """Whether a matrix is so large that a dense solver is not as quick."""
+    return size >= max(_SMALL, (wanted + _SPARE) * _STEPS)
+
+
 def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Floats] | None:
     """Return the largest eigenvalues, falling, and their vectors, as many as `start` has columns.
 
-    None where the matrix is small, or they did not converge: then a dense solver is the better one.
+    None where they did not converge. For matrices that `is_worthwhile` is true of.
 
     Parameters
     ----------
@@ -31,8 +36,6 @@ def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Float
     """
     size, wanted = start.shape
     width = wanted + _SPARE
-    if size < max(_SMALL, width * _STEPS):
-        return None
     basis, images = np.empty((2, _STEPS * width, size))  # columns as rows, so that a step fills what lies together
     spare = np.random.default_rng(0).standard_normal((size, _SPARE)) * np.abs(start).max()
     block = np.linalg.qr(np.hstack([start, spare]))[0]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from unbend.arrays import Bools, Floats, Indices
 from unbend.errors import ParameterError
+from unbend.geodesics.polylines import without_repeats
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
 
@@ -74,7 +75,7 @@ def _polylines(surface: Surface, values: Floats, level: float, crossed: Bools) -
     keys, segments = np.unique(keys, return_inverse=True)
     points = _crossings(surface.vertices, values, level, keys)
     order, starts = _chain(segments.reshape(-1, 2).astype(np.int32), len(keys))
-    lines = (_without_repeats(points[order[start:stop]]) for start, stop in pairwise(starts))
+    lines = (without_repeats(points[order[start:stop]]) for start, stop in pairwise(starts))
     return tuple(line for line in lines if len(line) > 1)
 
 
@@ -83,12 +84,6 @@ def _crossings(vertices: Floats, values: Floats, level: float, keys: Indices) ->
     share = ((level - values[first]) / (values[second] - values[first]))[:, None]
     between = vertices[first] + share * (vertices[second] - vertices[first])  # exact where the ends agree
     return np.asarray(np.where(share < 1, between, vertices[second]), np.float64)
-
-
-def _without_repeats(line: Floats) -> Floats:
-    """Leave out repeated points: the edges that meet in a vertex of just the level are crossed there, all of them."""
-    keep: Bools = np.append(True, (line[1:] != line[:-1]).any(axis=1))
-    return line[keep]
 
 
 @kernel

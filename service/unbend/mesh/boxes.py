@@ -83,6 +83,18 @@ def box_distance(lower: Floats, upper: Floats, node: int, x: float, y: float, z:
     return float(dx * dx + dy * dy + dz * dz)
 
 
+@kernel
+def push_children(
+    stack: Indices, top: int, node: int, lower: Floats, upper: Floats, x: float, y: float, z: float
+) -> int:
+    """Put a node's children above `stack[top]`, the one nearer to a point last, so that it is looked at first."""
+    left = box_distance(lower, upper, 2 * node, x, y, z)
+    right = box_distance(lower, upper, 2 * node + 1, x, y, z)
+    stack[top + 1] = 2 * node if left > right else 2 * node + 1
+    stack[top + 2] = 2 * node + 1 if left > right else 2 * node
+    return top + 2
+
+
 def morton_order(points: Floats) -> Indices:
     """Return an order of `points` (n, 3) in which near ones mostly stand near: that of their interleaved bits."""
     low = points.min(axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 from unbend.arrays import Floats, Indices, Ints
 from unbend.jit import kernel
 from unbend.mesh.areas import triangle_areas
-from unbend.mesh.boxes import LEAF, box_distance, build_boxes, uniform_labels
+from unbend.mesh.boxes import LEAF, box_distance, build_boxes, push_children, uniform_labels
 from unbend.mesh.components import face_components, join, root
 from unbend.mesh.surface import Surface
 
@@ -87,11 +87,7 @@ def _shortest_outgoing(
             if uniform[node] == own or box_distance(lower, upper, node, x, y, z) >= best[own]:
                 continue
             if node < leaves:
-                left = box_distance(lower, upper, 2 * node, x, y, z)
-                right = box_distance(lower, upper, 2 * node + 1, x, y, z)
-                stack[top + 1] = 2 * node if left > right else 2 * node + 1
-                stack[top + 2] = 2 * node + 1 if left > right else 2 * node  # the nearer one is looked at first
-                top += 2
+                top = push_children(stack, top, node, lower, upper, x, y, z)
                 continue
             for j in range(LEAF * (node - leaves), min(LEAF * (node - leaves + 1), len(points))):
                 if labels[j] != own:

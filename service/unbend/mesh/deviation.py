@@ -6,7 +6,7 @@ import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints
 from unbend.jit import inlined, kernel
-from unbend.mesh.boxes import LEAF, box_distance, build_boxes
+from unbend.mesh.boxes import LEAF, box_distance, build_boxes, push_children
 from unbend.tolerances import DEGENERATE_HEIGHT
 
 
@@ -104,11 +104,7 @@ def _farthest(points: Floats, bounds: Floats, corners: Floats, lower: Floats, up
             if box_distance(lower, upper, node, x, y, z) >= nearest:
                 continue
             if node < leaves:
-                left = box_distance(lower, upper, 2 * node, x, y, z)
-                right = box_distance(lower, upper, 2 * node + 1, x, y, z)
-                stack[top + 1] = 2 * node if left > right else 2 * node + 1
-                stack[top + 2] = 2 * node + 1 if left > right else 2 * node  # the nearer one is looked at first
-                top += 2
+                top = push_children(stack, top, node, lower, upper, x, y, z)
                 continue
             for j in range(LEAF * (node - leaves), min(LEAF * (node - leaves + 1), len(corners))):
                 nearest = min(nearest, triangle_distance(corners, j, x, y, z))

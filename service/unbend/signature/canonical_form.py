@@ -52,10 +52,15 @@ class CanonicalForm:
     @cached_property
     def surface(self) -> Surface:
         """The form as a surface in space, by its first three dimensions, a missing one zero."""
-        space = np.zeros((len(self.points), 3))
-        shown = min(3, self.points.shape[1])
-        space[:, :shown] = self.points[:, :shown]
-        return Surface(space, self.faces)
+        return Surface(in_space(self.points), self.faces)
+
+
+def in_space(points: Floats) -> Floats:
+    """Return the first three coordinates of points (n, m), a missing one zero."""
+    space = np.zeros((len(points), 3))
+    shown = min(3, points.shape[1])
+    space[:, :shown] = points[:, :shown]
+    return space
 
 
 def canonical_form(

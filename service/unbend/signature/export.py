@@ -10,7 +10,7 @@ import numpy as np
 
 from unbend.arrays import Floats, Ints
 from unbend.mesh.write import check_format, write_mesh
-from unbend.signature.canonical_form import CanonicalForm
+from unbend.signature.canonical_form import CanonicalForm, in_space
 from unbend.signature.signature import Signature
 
 _SPACE = 3  # dimensions that are places; as many that follow are colours
@@ -117,10 +117,7 @@ def signature_as_dict(signature: Signature) -> dict[str, object]:
 
 def _drawn(points: Floats, faces: Ints, file_type: str) -> bytes:
     check_format(file_type)
-    space = np.zeros((len(points), _SPACE))
-    shown = min(_SPACE, points.shape[1])
-    space[:, :shown] = points[:, :shown]
-    return write_mesh(space, faces, file_type, colours=coordinate_colours(points))
+    return write_mesh(in_space(points), faces, file_type, colours=coordinate_colours(points))
 
 
 def _npz(arrays: dict[str, Any]) -> bytes:

@@ -13,6 +13,7 @@ from unbend.errors import ParameterError
 from unbend.geodesics.distances import check_vertices, geodesic_distances
 from unbend.geodesics.paths.search import crossings, refine, search_shortest, straighten_walk
 from unbend.geodesics.paths.strips import StripMesh, Work, path_arrays, strip_mesh, work_arrays
+from unbend.geodesics.polylines import without_repeats
 from unbend.mesh.surface import Surface
 
 _SNAP: Final = 1e-12  # a path that crosses an edge as near to its end, in units of the edge, goes through the vertex
@@ -57,7 +58,7 @@ def geodesic_path(surface: Surface, source: int, target: int) -> Floats:
     if not _length(best) <= reached * (1 + _FIELD_ERROR):
         walk = _along_edges(surface, int(ends[0]), int(ends[1]))
         straight = _polyline(surface, mesh, room[3], straighten_walk(mesh, walk, room[0], room[1], room[3]))
-        best = min(best, _without_repeats(surface.vertices[walk]), straight, key=_length)
+        best = min(best, _between_ends(surface.vertices[walk]), straight, key=_length)
     return best
 
 
@@ -102,12 +103,12 @@ def _polyline(surface: Surface, mesh: StripMesh, work: Work, path: tuple[Any, An
     crossings(mesh.half_edges, pieces, portals, count, work.points, work.ends, work.deque, first, second, share)
     share = np.where(share < _SNAP, 0.0, share)[:, None]
     start, end = surface.vertices[first], surface.vertices[second]
-    return _without_repeats(np.where(share > 1 - _SNAP, end, start + share * (end - start)))
+    return _between_ends(np.where(share > 1 - _SNAP, end, start + share * (end - start)))
 
 
-def _without_repeats(points: Floats) -> Floats:
-    """Leave out repeated points, as where a path crosses all the edges that meet in a vertex; both ends stay."""
-    points = points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
+def _between_ends(points: Floats) -> Floats:
+    """Leave out repeated points; both ends stay, even where they coincide."""
+    points = without_repeats(points)
     return points if len(points) > 1 else np.repeat(points, 2, axis=0)
 
 

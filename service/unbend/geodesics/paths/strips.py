@@ -91,8 +91,7 @@ def strip_mesh(surface: Surface) -> StripMesh:
     a, b, c = surface.faces.T
     faces = surface.faces[(a != b) & (b != c) & (c != a)]
     count = len(surface.vertices)
-    used = surface.vertices[surface.used_vertices]
-    extent = float(np.ptp(used, axis=0).max()) or 1.0
+    extent = surface.extent or 1.0
     twins = find_edges(faces, count).twins() if len(faces) else np.empty(0, np.int64)
     half_edges = np.empty(3 * len(faces), HALF_EDGE)
     _fill(surface.vertices, faces, twins, extent, half_edges)

@@ -14,7 +14,7 @@ from peers import DATA, ROOT, table, write_section
 from unbend.errors import UnbendError
 from unbend.jobs.batch import compute_paths
 from unbend.matching.evaluate import leave_one_out
-from unbend.matching.measures import MEASURES
+from unbend.matching.measures import VECTOR_MEASURES
 from unbend.signature.parameters import Parameters
 
 HUMANS = {"david", "michael", "victoria"}
@@ -37,8 +37,8 @@ def _rows(dataset: str) -> list[list[str]]:
             raise outcome
         signatures.append(outcome)
     rows = []
-    for measure in MEASURES.values():
-        vectors = np.stack([signature.descriptors[measure.name] for signature in signatures])
+    for measure in VECTOR_MEASURES.values():
+        vectors = np.stack([measure.vector(signature.descriptors) for signature in signatures])
         figures = asdict(leave_one_out(measure.matrix(vectors), labels))
         rows.append([f"{dataset} ({len(listed)})", measure.name, *(f"{value:.3f}" for value in figures.values())])
     return rows

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.signedinteger[Any]]  # int32 where kernels take them; docstrings say which
 Indices = NDArray[np.int64]
+Codes = NDArray[np.int32]
 Bools = NDArray[np.bool]
 
 

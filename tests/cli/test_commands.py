@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from server import DAMAGED, SAMPLES, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import leave_one_out
-from unbend.matching.measures import MEASURES, get_measure
+from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
 COMMANDS = {"serve", "signature", "flatten", "compare", "import", "query", "evaluate", "openapi", "demo"}
@@ -303,7 +303,7 @@ def test_evaluation_refuses_meshes_that_its_options_refuse(folder, rings):
     labels = rings / "labels.csv"
     labels.write_text(f"path,class\nrings.ply,b\n{folder}/rings/thin.ply,a\n{folder}/rings/thick.ply,a\n")
     told = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=called)
-    assert set(json.loads(told.stdout)) == set(MEASURES)
+    assert set(json.loads(told.stdout)) == set(VECTOR_MEASURES)
     assert "rings.ply: the mesh has 2 components" in told.stderr
     assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=called).stderr == ""
 
@@ -321,13 +321,13 @@ def test_a_query_of_an_empty_library_says_so(folder, tmp_path):
 def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folder):
     done = succeeded("evaluate", folder, "--labels", folder / "labels.csv", "--json", "--samples", 40)
     told = json.loads(done.stdout)
-    assert set(told) == set(MEASURES)
+    assert set(told) == set(VECTOR_MEASURES)
     signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
     labels = [name.split("/")[0] for name in MEMBERS]
     for name, figures in told.items():
         assert set(figures) == FIGURES
         vectors = np.stack([signature.descriptors[name] for signature in signatures])
-        assert figures == pytest.approx(vars(leave_one_out(get_measure(name).matrix(vectors), labels)))
+        assert figures == pytest.approx(vars(leave_one_out(get_vector_measure(name).matrix(vectors), labels)))
     assert told["spectrum"]["nn"] == 1.0
     assert done.stderr == ""
 

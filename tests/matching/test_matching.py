@@ -10,11 +10,16 @@ from hypothesis import strategies as st
 from unbend import Parameters, compare, compute_signature
 from unbend.errors import ParameterError
 from unbend.matching.evaluate import leave_one_out, nearest_class_accuracy
-from unbend.matching.measures import MEASURES, get_measure
-from unbend.matching.ranking import Gallery, is_known, rank_classes, rank_shapes
+from unbend.matching.gallery import Gallery
+from unbend.matching.measures import MEASURES, get_vector_measure
+from unbend.matching.ranking import is_known, rank_classes, rank_shapes
 from unbend.mesh.shapes import sheet, sphere, tetrahedron, torus
 
-MOMENTS = get_measure("moments")
+MOMENTS = get_vector_measure("moments")
+
+
+def gallery_of(*labels):
+    return Gallery.of(np.zeros((len(labels), 1)), labels)
 
 
 @pytest.mark.parametrize("measure", MEASURES)
@@ -45,24 +50,24 @@ def test_shapes_are_ranked_by_distance_and_ties_by_place(distances, count):
 
 
 def test_a_class_is_as_far_as_its_nearest_member():
-    ranked = rank_classes(np.array([3.0, 1.0, 2.0, 0.5]), ["a", "b", "a", None])
+    ranked = rank_classes(np.array([3.0, 1.0, 2.0, 0.5]), gallery_of("a", "b", "a", None))
     assert [(match.label, match.distance) for match in ranked] == [("b", 1.0), ("a", 2.0)]
     assert sum(match.confidence for match in ranked) == pytest.approx(1.0)
     assert ranked[0].confidence == pytest.approx(2 / 3)
 
 
 def test_an_exact_match_takes_all_confidence_and_no_labels_give_no_classes():
-    ranked = rank_classes(np.array([0.0, 2.0]), ["a", "b"])
+    ranked = rank_classes(np.array([0.0, 2.0]), gallery_of("a", "b"))
     assert ranked[0].confidence == pytest.approx(1.0, abs=1e-6)
-    assert rank_classes(np.array([1.0]), [None]) == []
+    assert rank_classes(np.array([1.0]), gallery_of(None)) == []
 
 
 def test_known_means_no_farther_than_the_class_is_wide():
-    gallery = Gallery(np.array([[0.0], [1.0], [3.0], [50.0]]), ["a", "a", "a", "b"])
+    gallery = Gallery.of(np.array([[0.0], [1.0], [3.0], [50.0]]), ["a", "a", "a", "b"])
 
     def known(value: float):
         distances = MOMENTS.distances(np.array([value]), gallery.vectors)
-        return is_known(gallery, MOMENTS, rank_classes(distances, gallery.labels)[0])
+        return is_known(gallery, MOMENTS, rank_classes(distances, gallery)[0])
 
     assert known(5.0) is True  # the member at 3 is 2 from its nearest
     assert known(5.1) is False

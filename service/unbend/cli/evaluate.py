@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from unbend.cli.computing import Computed
-    from unbend.matching.measures import Measure
+    from unbend.matching.measures import VectorMeasure
 
 _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -45,9 +45,9 @@ def evaluate(
     """
     from unbend.cli.computing import compute_files  # noqa: PLC0415
     from unbend.cli.folder import read_labels  # noqa: PLC0415
-    from unbend.matching.measures import MEASURES, get_measure  # noqa: PLC0415
+    from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure  # noqa: PLC0415
 
-    chosen = [get_measure(name) for name in measures or MEASURES]
+    chosen = [get_vector_measure(name) for name in measures or VECTOR_MEASURES]
     queries = read_labels(labels, folder)
     others = read_labels(gallery, folder) if gallery else []
     computed = compute_files(queries + others, parameters, policy)
@@ -59,7 +59,7 @@ def evaluate(
     click.echo(json.dumps(figures) if as_json else _table(figures))
 
 
-def _leave_one_out(measure: Measure, computed: Sequence[Computed]) -> dict[str, float]:
+def _leave_one_out(measure: VectorMeasure, computed: Sequence[Computed]) -> dict[str, float]:
     import numpy as np  # noqa: PLC0415
 
     from unbend.errors import ParameterError  # noqa: PLC0415
@@ -68,24 +68,25 @@ def _leave_one_out(measure: Measure, computed: Sequence[Computed]) -> dict[str, 
     usable = [(item.signature, str(item.file.label)) for item in computed if item.signature]
     if not usable:
         raise ParameterError("none of the files can be used")
-    vectors = np.stack([signature.descriptors[measure.name] for signature, _ in usable])
+    vectors = np.stack([measure.vector(signature.descriptors) for signature, _ in usable])
     return asdict(leave_one_out(measure.matrix(vectors), [label for _, label in usable]))
 
 
-def _accuracy(measure: Measure, queries: Sequence[Computed], gallery: Sequence[Computed]) -> dict[str, float]:
+def _accuracy(measure: VectorMeasure, queries: Sequence[Computed], gallery: Sequence[Computed]) -> dict[str, float]:
     import numpy as np  # noqa: PLC0415
 
     from unbend.errors import ParameterError  # noqa: PLC0415
     from unbend.matching.evaluate import nearest_class_accuracy  # noqa: PLC0415
+    from unbend.matching.gallery import Gallery  # noqa: PLC0415
     from unbend.matching.ranking import rank_classes  # noqa: PLC0415
 
     held = [(item.signature, item.file.label) for item in gallery if item.signature]
     if not held:
         raise ParameterError("none of the gallery's files can be used")
-    vectors = np.stack([signature.descriptors[measure.name] for signature, _ in held])
-    labels = [label for _, label in held]
+    vectors = np.stack([measure.vector(signature.descriptors) for signature, _ in held])
+    shapes = Gallery.of(vectors, [label for _, label in held])
     nearest = [
-        rank_classes(measure.distances(item.signature.descriptors[measure.name], vectors), labels)[0].label
+        rank_classes(measure.distances(measure.vector(item.signature.descriptors), vectors), shapes)[0].label
         if item.signature
         else None
         for item in queries

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from sqlalchemy import Connection, func, select
 
-from unbend.arrays import Floats
+from unbend.arrays import Singles
 from unbend.library.payload import unpack_vector
 from unbend.library.schema import descriptors, library_state, shapes, signatures
 
@@ -26,7 +26,7 @@ class IndexKey:
 class IndexedShapes:
     """The shapes of one key in the order they were added."""
 
-    vectors: Floats = field(default_factory=lambda: np.empty((0, 0)))  # (n, d)
+    vectors: Singles = field(default_factory=lambda: np.empty((0, 0), np.float32))  # (n, d)
     ids: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     labels: tuple[str | None, ...] = ()
@@ -75,7 +75,7 @@ def _extended(connection: Connection, key: IndexKey, known: IndexedShapes, last:
     rows = connection.execute(query).all()
     vectors = known.vectors
     if rows:
-        added = np.stack([unpack_vector(row.vector) for row in rows])
+        added = np.stack([unpack_vector(row.vector) for row in rows]).astype(np.float32)
         vectors = np.concatenate([vectors, added]) if len(vectors) else added
     return IndexedShapes(
         vectors,

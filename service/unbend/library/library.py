@@ -7,6 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library import shapes as rows
 from unbend.library.engine import Store
@@ -16,8 +18,9 @@ from unbend.library.payload import unpack_signature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.values import MAX_TEXT, check_changes
 from unbend.matching.evaluate import RetrievalFigures, leave_one_out
-from unbend.matching.measures import DEFAULT_MEASURE, get_measure
-from unbend.matching.ranking import ClassMatch, Gallery, is_known, rank_classes, rank_shapes
+from unbend.matching.gallery import Gallery
+from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
+from unbend.matching.ranking import ClassMatch, is_known, rank_classes, rank_shapes
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.signature.parameters import Parameters
@@ -210,16 +213,16 @@ class Library:
         """
         if k < 1:
             raise ParameterError(f"k must be at least 1, not {k}")
-        chosen = get_measure(measure)
+        chosen = get_vector_measure(measure)
         signature = self.signature(query) if isinstance(query, str) else query
         held = self._held(IndexKey(measure, signature.parameters.to_json(), signature.version))
         if isinstance(query, str):
             held = _without(held, query)
         if not held.ids:
             return Ranking(measure, [], [], None)
-        distances = chosen.distances(signature.descriptors[measure], held.vectors)
-        classes = rank_classes(distances, held.labels)
-        gallery = Gallery(held.vectors, held.labels)
+        distances = chosen.distances(chosen.vector(signature.descriptors), held.vectors)
+        gallery = Gallery.of(held.vectors, held.labels)
+        classes = rank_classes(distances, gallery)
         matches = [
             ShapeMatch(held.ids[row], held.names[row], held.labels[row], float(distances[row]))
             for row in rank_shapes(distances, k)
@@ -244,11 +247,11 @@ class Library:
         ParameterError
             If no class has two members, or there is no such measure.
         """
-        chosen = get_measure(measure)
+        chosen = get_vector_measure(measure)
         held = self._held(IndexKey(measure, (parameters or Parameters()).to_json(), ALGORITHM_VERSION))
         labelled = [row for row, label in enumerate(held.labels) if label is not None]
         return leave_one_out(
-            chosen.matrix(held.vectors[labelled]) if labelled else held.vectors,
+            chosen.matrix(held.vectors[labelled]) if labelled else np.empty((0, 0)),
             [str(held.labels[row]) for row in labelled],
         )
 

@@ -1,0 +1,23 @@
+"""How far two signatures are apart: a module for each measure, behind one protocol."""
+
+from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
+from unbend.matching.measures.registry import (
+    DEFAULT_MEASURE,
+    MEASURES,
+    VECTOR_MEASURES,
+    compare,
+    get_measure,
+    get_vector_measure,
+)
+
+__all__ = [
+    "DEFAULT_MEASURE",
+    "MEASURES",
+    "VECTOR_MEASURES",
+    "Measure",
+    "PairMeasure",
+    "VectorMeasure",
+    "compare",
+    "get_measure",
+    "get_vector_measure",
+]

@@ -1,0 +1,50 @@
+"""The measures by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from unbend.errors import ParameterError
+from unbend.matching.measures.distribution import DISTRIBUTION
+from unbend.matching.measures.moments import MOMENTS, SURFACE_MOMENTS
+from unbend.matching.measures.protocol import Measure, VectorMeasure
+from unbend.matching.measures.spectrum import SPECTRUM
+from unbend.signature.signature import Signature
+
+VECTOR_MEASURES: Final[Mapping[str, VectorMeasure]] = MappingProxyType(
+    {measure.name: measure for measure in (SPECTRUM, MOMENTS, DISTRIBUTION, SURFACE_MOMENTS)}
+)
+
+MEASURES: Final[Mapping[str, Measure]] = MappingProxyType({**VECTOR_MEASURES})
+
+DEFAULT_MEASURE: Final = SPECTRUM.name
+
+
+def get_measure(name: str) -> Measure:
+    """Return the measure called `name`; ParameterError lists the known ones."""
+    if name not in MEASURES:
+        raise ParameterError(f"measure must be one of {', '.join(MEASURES)}, not {name!r}")
+    return MEASURES[name]
+
+
+def get_vector_measure(name: str) -> VectorMeasure:
+    """Return the measure called `name` if it compares vectors; ParameterError lists those that do."""
+    if name not in VECTOR_MEASURES:
+        raise ParameterError(f"measure must be one of {', '.join(VECTOR_MEASURES)}, not {name!r}")
+    return VECTOR_MEASURES[name]
+
+
+def compare(a: Signature, b: Signature, measure: str = DEFAULT_MEASURE) -> float:
+    """Distance between two signatures under `measure`: 0 for the same one.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such measure, or the signatures were made with different parameters.
+    """
+    chosen = get_measure(measure)
+    if (a.parameters, a.version) != (b.parameters, b.version):
+        raise ParameterError("signatures made with different parameters or versions cannot be compared")
+    return chosen.distance(a, b)

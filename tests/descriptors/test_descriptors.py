@@ -10,6 +10,7 @@ from scipy.spatial.distance import pdist, squareform
 
 from unbend import Parameters, compute_signature
 from unbend.descriptors.distribution import distance_distribution
+from unbend.descriptors.kernels import diffusion
 from unbend.descriptors.moments import moments
 from unbend.descriptors.pose import principal_pose
 from unbend.descriptors.spectrum import geodesic_spectrum
@@ -19,6 +20,14 @@ from unbend.mesh.shapes import sheet
 def cloud(seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     return rng.gamma(2.0, size=(50, 3)) * [3, 2, 1], rng.uniform(0.1, 1, 50)
+
+
+def even_sphere(count: int, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a golden spiral on the unit sphere, each for an equal share of its area."""
+    place = np.arange(count)
+    height, angle = 1 - (2 * place + 1) / count, np.pi * (1 + np.sqrt(5)) * place + turn
+    radius = np.sqrt(1 - height**2)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height]), np.full(count, 1 / count)
 
 
 def test_moments_of_a_flat_sheet_are_the_integrals():
@@ -44,10 +53,34 @@ def test_the_spectrum_is_that_of_the_weighted_kernels():
     distances = squareform(pdist(points[:, :2]))
     found = geodesic_spectrum(distances, weights)
     # diag(w) f(D) has the eigenvalues of its symmetric form
-    plain = np.sort(np.abs(np.linalg.eigvals(weights[:, None] * np.exp(-distances))))[::-1]
-    np.testing.assert_allclose(found[:50], np.log(plain), atol=1e-6)
+    for start, count, kernel in ((0, 50, distances**0.75), (80, 20, np.exp(-((distances / 0.3) ** 2)))):
+        plain = np.sort(np.abs(np.linalg.eigvals(weights[:, None] * kernel)))[::-1]
+        np.testing.assert_allclose(found[start : start + count], np.log(plain[:count]), atol=1e-6)
     assert (found[50:60] == np.log(1e-9)).all()
-    assert found.shape == (160,)
+    assert found.shape == (120,)
+
+
+def test_diffusion_on_a_sphere_has_the_eigenvalues_of_its_laplacian():
+    points, shares = even_sphere(2000)
+    distances = np.arccos(np.clip(points @ points.T, -1, 1)) / np.sqrt(4 * np.pi)
+    found = geodesic_spectrum(distances, shares, ((diffusion(0.1), 16),))
+    degree = np.repeat(np.arange(4), [1, 3, 5, 7])
+    expected = degree * (degree + 1) * 4 * np.pi  # on a sphere of area 1
+    np.testing.assert_allclose(-4 / 0.1**2 * found, expected, rtol=0.06, atol=1e-6)
+
+
+def test_diffusion_does_not_feel_how_dense_the_samples_are():
+    """Twice the samples on one half, each for half the area: the density itself has no say, only the surface."""
+    points, shares = even_sphere(1500)
+    denser = np.concatenate([points, even_sphere(1500, turn=0.5)[0][points[:, 2] > 0]])
+    areas = np.concatenate([np.where(points[:, 2] > 0, shares / 2, shares), shares[points[:, 2] > 0] / 2])
+    found = [
+        geodesic_spectrum(
+            np.arccos(np.clip(p @ p.T, -1, 1)) / np.sqrt(4 * np.pi), w / w.sum(), ((diffusion(0.14), 20),)
+        )
+        for p, w in ((points, shares), (denser, areas))
+    ]
+    np.testing.assert_allclose(*found, atol=0.01)
 
 
 def test_the_spectrum_knows_no_order():

@@ -1,4 +1,7 @@
-"""Second and third order moments of a point set (Tal & Elad, cited in section 2.3), without a choice of axes."""
+"""Second and third order moments of a point set (Tal & Elad, cited in section 2.3), without a choice of axes.
+
+`surface_quadrature` makes them those of a surface.
+"""
 
 from __future__ import annotations
 

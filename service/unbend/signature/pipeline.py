@@ -10,6 +10,7 @@ from unbend.arrays import Floats, Ints
 from unbend.descriptors.distribution import distance_distribution
 from unbend.descriptors.moments import moments
 from unbend.descriptors.pose import principal_pose
+from unbend.descriptors.quadrature import surface_quadrature
 from unbend.descriptors.spectrum import geodesic_spectrum
 from unbend.embedding.embed import embed
 from unbend.errors import MeshGeometryError
@@ -85,16 +86,17 @@ def compute_signature(
     report("describing", _DESCRIBING)
     weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)
     posed = principal_pose(embedding.points, weights)
+    faces = signature_faces(surface, sampling.samples, sampling.nearest, matrix.distances)
     scale = _scale(posed, surface.area, chosen)
     return Signature(
         points=posed / scale,
-        faces=signature_faces(surface, sampling.samples, sampling.nearest, matrix.distances),
+        faces=faces,
         samples=sampling.samples,
         weights=weights / weights.sum(),
         scale=scale,
         stress=embedding.stress,
         asymmetry=matrix.asymmetry,
-        descriptors=_describe(surface, posed, matrix.distances, weights / weights.sum()),
+        descriptors=_describe(surface, posed, faces, matrix.distances, weights / weights.sum()),
         parameters=chosen,
     )
 
@@ -110,18 +112,17 @@ def _scale(posed: Floats, area: float, parameters: Parameters) -> float:
     return float(np.ptp(posed, axis=0).max())
 
 
-def _describe(surface: Surface, posed: Floats, distances: Floats, weights: Floats) -> dict[str, Floats]:
+def _describe(surface: Surface, posed: Floats, faces: Ints, distances: Floats, weights: Floats) -> dict[str, Floats]:
     # always for area 1, whatever the points are scaled to
     points, unit = posed / np.sqrt(surface.area), distances / np.sqrt(surface.area)
     return {
         "spectrum": geodesic_spectrum(unit, weights),
-        "moments": moments(points, weights),
+        "moments": moments(*surface_quadrature(points, faces, weights)),
         "distribution": distance_distribution(unit, points, weights),
         "surface_moments": _surface_moments(surface),
     }
 
 
 def _surface_moments(surface: Surface) -> Floats:
-    used = surface.used_vertices
-    areas = surface.vertex_areas[used]
-    return moments(surface.vertices[used] / np.sqrt(surface.area), areas)
+    places, masses = surface_quadrature(surface.vertices / np.sqrt(surface.area), surface.faces, surface.vertex_areas)
+    return moments(places, masses)

@@ -10,7 +10,7 @@ import numpy as np
 from unbend.arrays import Floats, Indices, Ints, frozen
 from unbend.signature.parameters import Parameters
 
-ALGORITHM_VERSION: Final = "2"
+ALGORITHM_VERSION: Final = "3"
 """Changes whenever the same mesh and parameters would give other numbers; stored signatures carry it."""
 
 
@@ -51,7 +51,7 @@ class Signature:
 
     @property
     def spectrum(self) -> Floats:
-        """Geodesic spectrum, (160,)."""
+        """Geodesic spectrum, (120,)."""
         return self.descriptors["spectrum"]
 
     @property

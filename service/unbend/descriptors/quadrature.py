@@ -1,0 +1,59 @@
+"""Integrals over triangulated surfaces, as sums over points that are exact for polynomials."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats, Ints
+
+_OUTER, _INNER = 0.445948490915965, 0.091576213509771
+_RULE: Final[tuple[tuple[float, float], ...]] = ((_OUTER, 0.223381589678011), (_INNER, 0.109951743655322))
+"""Six points of degree 4 (Strang & Fix 1973; Dunavant 1985): two corners' share, and the weight of a point."""
+
+
+def surface_quadrature(points: Floats, faces: Ints, weights: Floats) -> tuple[Floats, Floats]:
+    """Return points and weights that integrate cubic polynomials exactly over triangles.
+
+    The density is linear in each triangle, and such that each vertex' share of the whole, its hat function
+    integrated, is near its weight: a signature's triangles are not of the size of the surface they stand for, so
+    that each sample's area is spread over the triangles around it. With weights of a third of the triangles around
+    each vertex the density is 1.
+
+    Parameters
+    ----------
+    points : (n, m) float64
+    faces : (f, 3) int32
+    weights : (n,) float64
+        Area that each vertex stands for.
+
+    Returns
+    -------
+    points : (6 f + r, m) float64
+        r vertices of positive weight have no triangle of any area: these stand for themselves.
+    weights : (6 f + r,) float64
+    """
+    corners = points[faces]
+    areas = _areas(corners)
+    around = np.bincount(faces.ravel(), np.repeat(areas / 3, 3), minlength=len(points))
+    density = np.divide(weights, around, out=np.zeros(len(points)), where=around > 0)
+    alone = (around == 0) & (weights > 0)
+    shares = np.stack([_permuted(1 - 2 * share, share, corner) for share, _ in _RULE for corner in range(3)])  # (6, 3)
+    rule = np.repeat([weight for _, weight in _RULE], 3)
+    places = np.einsum("qc,fcm->qfm", shares, corners).reshape(-1, points.shape[1])
+    masses = rule[:, None] * (shares @ density[faces].T) * areas
+    return np.concatenate([places, points[alone]]), np.concatenate([masses.ravel(), weights[alone]])
+
+
+def _permuted(own: float, other: float, corner: int) -> Floats:
+    shares = np.full(3, other)
+    shares[corner] = own
+    return shares
+
+
+def _areas(corners: Floats) -> Floats:
+    """Return areas of triangles (f, 3, m) in any dimension."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    aa, bb, ab = ((x * y).sum(axis=1) for x, y in ((a, a), (b, b), (a, b)))
+    return np.asarray(np.sqrt(np.maximum(aa * bb - ab * ab, 0.0)) / 2)

@@ -1,0 +1,181 @@
+"""How the kernels of `spectrum` and the weights of `combined` were chosen: on half of the classes, told on the other.
+
+Every other class, in alphabetical order, of each of the three data sets is the half that chooses, by the mean over
+data sets of the mean average precision; galleries are always whole. Writes "retrieval-choice" of docs/benchmarks.md.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from peers import ROOT, table, write_section
+from retrieval_data import DATASETS, half, in_processes, listed
+from unbend import Parameters, compute_signature, geodesic_matrix, read_mesh
+from unbend.descriptors.kernels import diffusion, exponential, gaussian, power
+from unbend.descriptors.spectrum import geodesic_spectrum
+from unbend.matching.measures import get_vector_measure
+from unbend.matching.measures.combined import COMBINED
+
+Array = NDArray[Any]
+
+MOST = 60  # eigenvalues of a kernel
+WHOLE = (
+    (("d^.75", 60),),
+    (("exp(-d)", 60),),
+    (("d^.75", 60), ("exp(-d)", 60)),
+    (("d^.75", 60), ("exp(-d)", 60), ("d", 40)),
+)
+WIDTHS, COUNTS = {"diffusion": (0.1, 0.14, 0.2, 0.28), "gaussian": (0.2, 0.25, 0.3)}, (20, 30, 40)
+MAKERS = {"diffusion": diffusion, "gaussian": gaussian}
+KERNELS = {"d^.75": power(0.75), "exp(-d)": exponential(1.0), "d": power(1.0)} | {
+    f"{name} {width}": MAKERS[name](width) for name, widths in WIDTHS.items() for width in widths
+}
+USED = (("d^.75", 60), ("diffusion 0.14", 20), ("gaussian 0.3", 40))
+FORMER = WHOLE[-1]
+MOMENTS, DISTRIBUTION = (0.0, 5.0, 10.0, 20.0, 40.0), (0.0, 5.0, 10.0, 20.0, 40.0)
+SPLITS = 200
+
+Choice = tuple[tuple[str, int], ...]
+
+
+def candidates() -> list[Choice]:
+    """Return kernels for the whole surface, with one diffusion or none, with one Gaussian or none."""
+    near = {
+        name: [(), *(((f"{name} {width}", count),) for width, count in product(widths, COUNTS))]
+        for name, widths in WIDTHS.items()
+    }
+    return [whole + walk + bell for whole, walk, bell in product(WHOLE, near["diffusion"], near["gaussian"])]
+
+
+def describe(path: Path) -> dict[str, Array]:
+    """Return the logarithms of a mesh's eigenvalues under every kernel, and its other descriptors."""
+    surface = read_mesh(path)
+    signature = compute_signature(surface, Parameters(), threads=1)
+    distances = geodesic_matrix(surface, signature.samples, threads=1) / np.sqrt(surface.area)
+    spectra = {
+        name: geodesic_spectrum(distances, signature.weights, ((kernel, MOST),)) for name, kernel in KERNELS.items()
+    }
+    return spectra | {name: signature.descriptors[name] for name in ("moments", "distribution")}
+
+
+class DataSet:
+    """Distances between all shapes of a data set, under a kernel or another descriptor."""
+
+    def __init__(self, name: str) -> None:
+        paths, labels = listed(name)
+        self.labels = np.array(labels)
+        self._described = in_processes(describe, paths)
+
+    @cache  # noqa: B019
+    def distances(self, name: str, count: int | None = None) -> Array:
+        vectors = np.stack([of[name][:count] for of in self._described]).astype(np.float32)
+        return get_vector_measure("moments").matrix(vectors)
+
+    def figures(self, distances: Array) -> Array:
+        """Return NN, FT, ST and AP of each query, (n, 4)."""
+        rows = np.arange(len(self.labels))
+        apart = distances.copy()
+        apart[rows, rows] = np.inf
+        order = np.argsort(apart, axis=1, kind="stable")[:, :-1]
+        relevant = self.labels[order] == self.labels[:, None]
+        sizes, found = relevant.sum(axis=1), np.cumsum(relevant, axis=1)
+        precision = (found / np.arange(1, len(rows)) * relevant).sum(axis=1) / sizes
+        second = np.minimum(2 * sizes, len(rows) - 1)
+        return np.stack(
+            [relevant[:, 0], found[rows, sizes - 1] / sizes, found[rows, second - 1] / sizes, precision], axis=1
+        )
+
+
+def spectrum(of: DataSet, choice: Choice) -> Array:
+    return sum((of.distances(kernel, count) for kernel, count in choice), start=np.zeros(()))
+
+
+def combined(of: DataSet, weights: tuple[float, float]) -> Array:
+    moments, distribution = weights
+    return spectrum(of, USED) + moments * of.distances("moments") + distribution * of.distances("distribution")
+
+
+class Study:
+    """Candidates, and every query's figures under each of them."""
+
+    def __init__(self, data: list[DataSet], names: list[Any], distances: Any) -> None:
+        self._data, self._names = data, names
+        self._figures = [np.stack([of.figures(distances(of, name)) for name in names]) for of in data]
+
+    def best(self, chosen_on: list[Array]) -> Any:
+        score = sum(figures[:, rows, 3].mean(axis=1) for figures, rows in zip(self._figures, chosen_on, strict=True))
+        return self._names[int(np.argmax(score))]
+
+    def told(self, name: Any, rows: list[Array]) -> Array:
+        place = self._names.index(name)
+        found = [figures[place][of].mean(axis=0) for figures, of in zip(self._figures, rows, strict=True)]
+        return np.concatenate(found)
+
+    def halved(self, which: int) -> list[Array]:
+        return [half(of.labels.tolist(), which) for of in self._data]
+
+    def rows(self) -> list[list[str]]:
+        lines = []
+        for which, name in enumerate(("first", "second")):
+            best = self.best(self.halved(which))
+            told = _shown(self.told(best, self.halved(1 - which)))
+            lines.append([f"chosen on the {name} half", _called(best), "the other half", *told])
+        return lines
+
+    def over_splits(self) -> Array:
+        """Return the mean over random halves of what the half that did not choose has."""
+        rng, found = np.random.default_rng(0), []
+        for _ in range(SPLITS):
+            halves = []
+            for of in self._data:
+                classes = rng.permutation(np.unique(of.labels))
+                halves.append(np.isin(of.labels, classes[: len(classes) // 2]))
+            found.append(self.told(self.best(halves), [~rows for rows in halves]))
+        return np.mean(found, axis=0)
+
+
+def _shown(figures: Array) -> list[str]:
+    return [f"{value:.3f}" for value in figures]
+
+
+def _called(choice: Any) -> str:
+    if all(isinstance(weight, float) for weight in choice):
+        return "moments {:g}, distribution {:g}".format(*choice)
+    return ", ".join(f"{kernel} ({count})" for kernel, count in choice)
+
+
+def main() -> None:
+    data = [DataSet(name) for name in DATASETS]
+    everything = [np.ones(len(of.labels), bool) for of in data]
+    kernels = Study(data, candidates(), spectrum)
+    weights = Study(data, list(product(MOMENTS, DISTRIBUTION)), combined)
+    used = tuple(dict(COMBINED.parts)[part] for part in ("moments", "distribution"))
+    header = [
+        "",
+        "chosen",
+        "told on",
+        *(f"{name} {figure}" for name in DATASETS for figure in ("NN", "FT", "ST", "mAP")),
+    ]
+    rows = [
+        *kernels.rows(),
+        [f"mean of {SPLITS} random halvings", "each its own", "the other half", *_shown(kernels.over_splits())],
+        ["`spectrum` as it is", _called(USED), "all classes", *_shown(kernels.told(USED, everything))],
+        ["as it was before", _called(FORMER), "all classes", *_shown(kernels.told(FORMER, everything))],
+    ]
+    more = [
+        *weights.rows(),
+        ["`combined` as it is", _called(used), "all classes", *_shown(weights.told(used, everything))],
+    ]
+    text = f"{len(candidates())} combinations of kernels for `spectrum`:\n\n{table(header, rows)}\n\n"
+    text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights beside it for `combined`:\n\n{table(header, more)}"
+    write_section(ROOT / "docs" / "benchmarks.md", "retrieval-choice", text)
+
+
+if __name__ == "__main__":
+    main()

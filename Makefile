@@ -33,7 +33,12 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/defects.py
 	$(BIN)/python benchmarks/embedding.py
 	$(BIN)/python benchmarks/paper.py
+	$(BIN)/python benchmarks/retrieval_choice.py
 	$(BIN)/python benchmarks/retrieval.py
+	$(BIN)/python benchmarks/classification.py
+	$(BIN)/python benchmarks/rerank.py
+	$(BIN)/python benchmarks/robustness.py
+	$(BIN)/python benchmarks/search.py
 
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json

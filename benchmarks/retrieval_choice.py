@@ -7,7 +7,7 @@ data sets of the mean average precision; galleries are always whole. Writes "ret
 from __future__ import annotations
 
 from functools import cache
-from itertools import product
+from itertools import combinations, combinations_with_replacement, product
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 from peers import ROOT, table, write_section
 from retrieval_data import DATASETS, half, in_processes, listed
 from unbend import Parameters, compute_signature, geodesic_matrix, read_mesh
+from unbend.descriptors import moments as moments_module
 from unbend.descriptors.kernels import diffusion, exponential, gaussian, power
+from unbend.descriptors.moments import moments
+from unbend.descriptors.quadrature import surface_quadrature
 from unbend.descriptors.spectrum import geodesic_spectrum
 from unbend.matching.measures import get_vector_measure
 from unbend.matching.measures.combined import COMBINED
@@ -39,6 +42,14 @@ KERNELS = {"d^.75": power(0.75), "exp(-d)": exponential(1.0), "d": power(1.0)} |
 USED = (("d^.75", 60), ("diffusion 0.14", 20), ("gaussian 0.3", 40))
 FORMER = WHOLE[-1]
 MOMENTS, DISTRIBUTION = (0.0, 5.0, 10.0, 20.0, 40.0), (0.0, 5.0, 10.0, 20.0, 40.0)
+BLURS = (0.0125, 0.025, 0.05, 0.1, 0.2)
+MIXED = tuple(combinations_with_replacement(range(3), 3))
+"""All third moments along three axes: ten, of which two must go for the paper's fewer than 15 numbers."""
+DROPPED = tuple(combinations(range(len(MIXED)), 2))
+USED_MOMENTS = (
+    moments_module.BLUR,
+    tuple(place for place, axes in enumerate(MIXED) if axes not in moments_module.MIXED),
+)
 SPLITS = 200
 
 Choice = tuple[tuple[str, int], ...]
@@ -61,7 +72,10 @@ def describe(path: Path) -> dict[str, Array]:
     spectra = {
         name: geodesic_spectrum(distances, signature.weights, ((kernel, MOST),)) for name, kernel in KERNELS.items()
     }
-    return spectra | {name: signature.descriptors[name] for name in ("moments", "distribution")}
+    points, weights = surface_quadrature(signature.points, signature.faces, signature.weights)
+    points = points * signature.scale / np.sqrt(surface.area)
+    shapes = {f"moments {blur}": moments(points, weights, blur=blur, mixed=MIXED) for blur in BLURS}
+    return spectra | shapes | {name: signature.descriptors[name] for name in ("moments", "distribution")}
 
 
 class DataSet:
@@ -71,6 +85,13 @@ class DataSet:
         paths, labels = listed(name)
         self.labels = np.array(labels)
         self._described = in_processes(describe, paths)
+
+    @cache  # noqa: B019
+    def moments(self, blur: float, dropped: tuple[int, int]) -> Array:
+        """Return distances between moments without two of the third ones."""
+        vectors = np.stack([of[f"moments {blur}"] for of in self._described])
+        kept = np.delete(vectors, 6 + np.array(dropped), axis=1).astype(np.float32)
+        return get_vector_measure("moments").matrix(kept)
 
     @cache  # noqa: B019
     def distances(self, name: str, count: int | None = None) -> Array:
@@ -145,6 +166,8 @@ def _shown(figures: Array) -> list[str]:
 
 
 def _called(choice: Any) -> str:
+    if isinstance(choice[1], tuple) and isinstance(choice[0], float):
+        return f"blur {choice[0]:g}, without {' and '.join(str(MIXED[place]) for place in choice[1])}"
     if all(isinstance(weight, float) for weight in choice):
         return "moments {:g}, distribution {:g}".format(*choice)
     return ", ".join(f"{kernel} ({count})" for kernel, count in choice)
@@ -155,6 +178,7 @@ def main() -> None:
     everything = [np.ones(len(of.labels), bool) for of in data]
     kernels = Study(data, candidates(), spectrum)
     weights = Study(data, list(product(MOMENTS, DISTRIBUTION)), combined)
+    third = Study(data, list(product(BLURS, DROPPED)), lambda of, choice: of.moments(*choice))
     used = tuple(dict(COMBINED.parts)[part] for part in ("moments", "distribution"))
     header = [
         "",
@@ -172,8 +196,14 @@ def main() -> None:
         *weights.rows(),
         ["`combined` as it is", _called(used), "all classes", *_shown(weights.told(used, everything))],
     ]
+    last = [
+        *third.rows(),
+        [f"mean of {SPLITS} random halvings", "each its own", "the other half", *_shown(third.over_splits())],
+        ["`moments` as it is", _called(USED_MOMENTS), "all classes", *_shown(third.told(USED_MOMENTS, everything))],
+    ]
     text = f"{len(candidates())} combinations of kernels for `spectrum`:\n\n{table(header, rows)}\n\n"
     text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights beside it for `combined`:\n\n{table(header, more)}"
+    text += f"\n\n{len(BLURS) * len(DROPPED)} ways to take `moments`:\n\n{table(header, last)}"
     write_section(ROOT / "docs" / "benchmarks.md", "retrieval-choice", text)
 
 

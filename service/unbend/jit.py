@@ -27,6 +27,16 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
+def summing(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` like `kernel`, but let its sums be taken in whichever order fills vector registers.
+
+    The order is settled when it is compiled: it depends on the processor and on how many terms there are, not on
+    where they are or on who adds them. A sum that must be the same on every processor is no work for it.
+    """
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc"})(function)
+    return cast("Callable[P, R]", compiled)
+
+
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function`, which takes and returns scalars, as a part of the kernels that call it.
 

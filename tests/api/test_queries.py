@@ -190,6 +190,61 @@ def test_health_and_capacity_are_told(http):
     assert capacity["max_queued"] == 10_000
 
 
+@pytest.mark.parametrize("classifier", ["nearest", "vote", "mean", "discriminants"])
+def test_the_classifier_is_a_field_of_both_kinds_of_query(server, http, ids, classifier):
+    data = small_mesh(6)
+    by_file = ask(http, data, {"Prefer": "wait=30"}, classifier=classifier).json()
+    assert by_file == expected(server, data, classifier=classifier)
+    by_shape = http.post("/v1/queries", json={"shape_id": ids["ring-0"], "classifier": classifier})
+    if classifier == "discriminants":  # without this one, there is a single torus left to learn from
+        assert by_shape.status_code == 422
+    else:
+        assert by_shape.json()["classes"][0]["label"] == "torus"
+
+
+def test_a_wrong_classifier_is_refused_before_anything_is_computed(http, ids):
+    for response in (
+        ask(http, small_mesh(7), classifier="oracle"),
+        http.post("/v1/queries", json={"shape_id": ids["ring-0"], "classifier": "oracle"}),
+    ):
+        assert response.status_code == 422
+        assert "oracle" in response.json()["detail"]
+
+
+def test_a_measure_of_whole_pairs_orders_the_nearest_anew(server, http, ids):
+    data = small_mesh(8)
+    answer = ask(http, data, {"Prefer": "wait=30"}, measure="rigid", k="2").json()
+    assert answer == expected(server, data, measure="rigid", k=2)
+    assert answer["measure"] == "rigid"
+
+
+def test_the_map_places_every_shape(http, ids):
+    response = http.get("/v1/map", params={"measure": "moments", "parameters": FEW})
+    assert response.status_code == 200
+    told = response.json()
+    assert set(told) == {"measure", "stress", "original_stress", "count", "items"}
+    assert {item["id"] for item in told["items"]} >= set(ids.values())
+    assert all(set(item) == {"id", "name", "label", "point", "original"} for item in told["items"])
+    solid = http.get("/v1/map", params={"parameters": FEW, "dimensions": 3, "limit": 2}).json()
+    assert [len(item["point"]) for item in solid["items"]] == [3, 3]
+
+
+def test_the_evaluation_has_figures_and_confusion(server, http, ids):
+    told = http.get("/v1/evaluation", params={"measure": "spectrum", "parameters": FEW}).json()
+    with Library(str(server.library)) as library:
+        assert told == {"measure": "spectrum"} | library.evaluate(parameters=Parameters(**OWN)).as_dict()
+    assert told["nn"] == 1.0
+    assert set(told["confusion"]["labels"]) >= {"sphere", "torus"}
+
+
+@pytest.mark.parametrize("path", ["/v1/map", "/v1/evaluation"])
+def test_overviews_refuse_what_they_cannot_compare(http, path):
+    for params in ({"measure": "volume"}, {"measure": "rigid"}, {"parameters": "{"}, {"parameters": '{"samples": 1}'}):
+        assert http.get(path, params=params).status_code == 422
+    if path == "/v1/map":
+        assert http.get(path, params={"dimensions": 4}).status_code == 422
+
+
 def test_classes_count_labelled_shapes(http, ids):
     classes = {item["label"]: item["count"] for item in http.get("/v1/classes").json()["items"]}
     assert classes["sphere"] >= 2

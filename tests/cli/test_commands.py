@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from server import DAMAGED, SAMPLES, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
-from unbend.matching.evaluate import leave_one_out
+from unbend.matching.evaluate import evaluate, leave_one_out
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
@@ -254,9 +254,10 @@ def test_a_query_shows_classes_and_shapes_and_the_same_from_a_library_and_a_serv
     assert json.loads(succeeded("query", query, "--url", server.url, "--json", "-k", 3).stdout) == expected
 
 
-OPTIONS = ["--samples", 30, "--dimensions", 2, "--method", "classical", "--components", "bridge", "--max-vertices", 70]
+OPTIONS = ["--samples", 30, "--dimensions", 2, "--method", "classical", "--components", "bridge", "--max-vertices", 70,
+           "--smooth", 2]  # fmt: skip
 CHOSEN = Parameters(samples=30, dimensions=2, method="classical")
-READ = MeshPolicy(components="bridge", max_vertices=70)
+READ = MeshPolicy(components="bridge", max_vertices=70, smooth=2)
 
 
 @pytest.fixture(scope="module")
@@ -277,7 +278,7 @@ def test_an_import_and_a_query_read_and_compute_as_their_options_say(rings, tmp_
     query = ["query", rings / "rings.ply", *where, "--json"]
     (match,) = json.loads(succeeded(*query, *OPTIONS, run=called).stdout)["shapes"]
     assert (match["id"], match["distance"]) == (record.id, 0.0)
-    (match,) = json.loads(succeeded(*query, *OPTIONS[:-4], run=called).stdout)["shapes"]
+    (match,) = json.loads(succeeded(*query, *OPTIONS[:-6], run=called).stdout)["shapes"]
     assert match["id"] == record.id
     assert match["distance"] > 0.0
     others = json.loads(succeeded(*query, run=called).stdout)["shapes"]
@@ -289,7 +290,7 @@ def test_compare_reads_and_computes_as_its_options_say(rings, folder):
     told = float(succeeded("compare", a, b, *OPTIONS, run=called).stdout)
     expected = compare(*(compute_signature(read_mesh(path, policy=READ), CHOSEN) for path in (a, b)))
     assert told == pytest.approx(expected, rel=1e-5)
-    assert told != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-4], run=called).stdout), rel=1e-3)
+    assert told != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-6], run=called).stdout), rel=1e-3)
 
 
 def test_a_signature_of_a_simplified_mesh_says_so(rings):
@@ -326,8 +327,9 @@ def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folde
     labels = [name.split("/")[0] for name in MEMBERS]
     for name, figures in told.items():
         assert set(figures) == FIGURES
-        vectors = np.stack([signature.descriptors[name] for signature in signatures])
-        assert figures == pytest.approx(vars(leave_one_out(get_vector_measure(name).matrix(vectors), labels)))
+        measure = get_vector_measure(name)
+        vectors = np.stack([measure.vector(signature.descriptors) for signature in signatures])
+        assert figures == pytest.approx(vars(leave_one_out(measure.matrix(vectors), labels)))
     assert told["spectrum"]["nn"] == 1.0
     assert done.stderr == ""
 
@@ -349,6 +351,65 @@ def test_evaluation_against_a_gallery_counts_the_right_nearest_classes(folder, t
     third = {"accuracy": pytest.approx(1 / 3)}
     assert json.loads(done.stdout) == {"spectrum": third, "moments": third}
     assert done.stderr.startswith(f"{folder / 'bad.off'}: ")
+
+
+def test_evaluation_by_class_adds_classes_confusions_and_curves_to_its_json(folder):
+    options = ["--labels", folder / "labels.csv", "--json", "--samples", 40, "--measure", "spectrum"]
+    told = json.loads(succeeded("evaluate", folder, *options, "--per-class", run=called).stdout)
+    signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
+    labels = [name.split("/")[0] for name in MEMBERS]
+    measure = get_vector_measure("spectrum")
+    distances = measure.matrix(np.stack([measure.vector(signature.descriptors) for signature in signatures]))
+    assert told == {"spectrum": evaluate(distances, labels, labels, own=np.arange(5)).as_dict()}
+    assert set(told["spectrum"]) > FIGURES | {"classes", "confusion", "precision_recall"}
+
+
+def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_class(folder, tmp_path):
+    (tmp_path / "bad.off").write_bytes(DAMAGED)
+    (tmp_path / "queries.csv").write_text(f"path,class\nsheets/rolled.ply,sheets\n{tmp_path}/bad.off,rings\n")
+    (tmp_path / "gallery.csv").write_text("path,class\nsheets/flat.ply,sheets\nrings/thick.ply,rings\n")
+    command = ["evaluate", folder, "--labels", tmp_path / "queries.csv", "--gallery", tmp_path / "gallery.csv"]
+    told = succeeded(*command, "--per-class", "--measure", "moments", run=called).stdout
+    overall, classes = (part.splitlines() for part in told.split("\n\n"))
+    assert overall[0].split() == ["measure", "accuracy", "nn", "ft", "st", "e", "dcg", "map"]
+    assert overall[1].split()[:3] == ["moments", "0.500", "1.000"]
+    assert classes[0].split()[:4] == ["moments", "queries", "members", "accuracy"]
+    assert classes[1].split() == ["rings", "1", "1", "0.000", "-", "-", "-", "-", "-", "-"]
+    assert classes[2].split()[:5] == ["sheets", "1", "1", "1.000", "1.000"]
+
+
+def test_evaluation_without_a_usable_query_is_wrong_throughout(folder, tmp_path):
+    (tmp_path / "bad.off").write_bytes(DAMAGED)
+    (tmp_path / "bad.csv").write_text(f"path,class\n{tmp_path}/bad.off,rings\n")
+    (tmp_path / "good.csv").write_text("path,class\nsheets/flat.ply,sheets\n")
+    bad, good = tmp_path / "bad.csv", tmp_path / "good.csv"
+    command = ["evaluate", folder, "--measure", "moments", "--json"]
+    assert json.loads(called(*command, "--labels", bad, "--gallery", good).stdout) == {"moments": {"accuracy": 0.0}}
+    done = called(*command, "--labels", good, "--gallery", bad)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "unbend: none of the gallery's files can be used" in done.stderr
+
+
+def test_evaluation_writes_a_page_beside_what_it_prints(folder, tmp_path):
+    name = "<script>alert(1)<.ply"
+    (tmp_path / name).write_bytes((folder / "rings/thin.ply").read_bytes())
+    (tmp_path / f"{name}.off").write_bytes(DAMAGED)
+    rows = [f"{folder}/{member},{member.split('/')[0]}" for member in MEMBERS]
+    (tmp_path / "l.csv").write_text("\n".join(["path,class", *rows, f"{name},sheets", f"{name}.off,rings"]))
+    done = called("evaluate", tmp_path, "--labels", tmp_path / "l.csv", "--html", tmp_path / "r.html", "--json")
+    assert done.returncode == 0
+    told = json.loads(done.stdout)
+    assert all(set(figures) == FIGURES for figures in told.values())
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)&lt;.ply.off</bdi>" in page  # failed
+    assert "&lt;script&gt;alert(1)&lt;.ply</bdi>" in page  # taken for the ring that it is
+    for measure, figures in told.items():
+        assert f"<bdi>{measure}</bdi>" in page
+        assert f">{figures['map']:.3f}<" in page
+    assert "each of 6 shapes" in page
+    for setting, value in (Parameters().as_dict() | MeshPolicy().as_dict()).items():
+        assert f"<bdi>{setting}</bdi></th><td><bdi>{'none' if value is None else value}</bdi>" in page
 
 
 def test_evaluation_shows_a_table_of_the_measures_picked(folder):
@@ -395,6 +456,7 @@ def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_pat
         ("evaluate {folder} --labels {folder}/labels.csv --max-vertices 3", ["max_vertices"]),
         ("compare {mesh} {mesh} --measure volume", ["volume"]),
         ("evaluate {folder} --labels {folder}/labels.csv --measure volume", ["volume"]),
+        ("evaluate {folder} --labels {folder}/labels.csv --html {new}/nowhere/x.html", ["nowhere"]),
         ("query {mesh} --library {new}/nowhere/a.db", ["cannot be opened"]),
         ("query {mesh} --library {new}/letter.db", ["cannot be opened"]),
         ("query {mesh} --library nosuchdatabase://host/x", ["nosuchdatabase"]),

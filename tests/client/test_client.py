@@ -178,7 +178,8 @@ def test_queries_rank_the_shapes_of_their_parameters(client, mesh, kind):
 
 def test_a_mesh_is_read_as_the_policy_says(client, kind):
     own = {"samples": {"sync": 31, "async": 32}[kind]}
-    data, bridge = ply(two_rings({"sync": 0, "async": 1}[kind])), {"components": "bridge", "max_vertices": 70}
+    data = ply(two_rings({"sync": 0, "async": 1}[kind]))
+    bridge = {"components": "bridge", "max_vertices": 70, "smooth": 2}
     shape = client.submit(data, parameters=own, policy=bridge).result(PATIENCE)
     assert shape["policy"] == bridge
     assert (shape["report"]["links"], shape["report"]["components"]) == (1, 2)

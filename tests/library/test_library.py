@@ -12,10 +12,11 @@ from sqlalchemy import insert, select
 from server import DAMAGED, ply, small_mesh, two_rings
 from unbend import Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.errors import MeshGeometryError, MeshReadError, NotFoundError, ParameterError
-from unbend.library import schema
+from unbend.library import overview, schema
 from unbend.library.shapes import MAX_PAGE
+from unbend.matching.classification import CLASSIFIERS
 from unbend.matching.measures import VECTOR_MEASURES
-from unbend.mesh.shapes import cylinder, sheet, sphere, spiral, torus
+from unbend.mesh.shapes import cylinder, s_bend, sheet, sphere, spiral, torus
 
 FEW = Parameters(samples=40)
 GRID = {"columns": 12, "rows": 6}
@@ -116,8 +117,8 @@ def test_the_same_bytes_read_otherwise_are_another_shape_that_is_compared_with_t
     largest = library.add(data, parameters=FEW)
     bridged = library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge"))
     assert library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge")) == bridged
-    assert largest.policy == {"components": "largest", "max_vertices": None}
-    assert library.get(bridged.id).policy == {"components": "bridge", "max_vertices": None}
+    assert largest.policy == {"components": "largest", "max_vertices": None, "smooth": 0}
+    assert library.get(bridged.id).policy == {"components": "bridge", "max_vertices": None, "smooth": 0}
     assert bridged.area > 1.05 * largest.area
     assert [match.id for match in library.nearest(largest.id)] == [bridged.id]
     assert library.nearest(largest.id)[0].distance > 0
@@ -343,10 +344,81 @@ def test_an_unknown_measure_is_refused(filled):
 
 
 def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
-    figures = filled[0].evaluate(parameters=FEW)
-    assert figures.nn == 1.0
-    assert figures.ft == 1.0
-    assert figures.map == 1.0
+    told = filled[0].evaluate(parameters=FEW)
+    assert (told.figures.nn, told.figures.ft, told.figures.map) == (1.0, 1.0, 1.0)
+    assert (told.queries, told.labels) == (5, ("sheet", "sphere"))
+    assert told.confusion.tolist() == [[3, 0], [0, 2]]
+
+
+def test_a_large_library_asks_some_of_all(filled, monkeypatch):
+    monkeypatch.setattr(overview, "_PAIRS", 15)
+    told = filled[0].evaluate(parameters=FEW)
+    assert (told.queries, told.figures.nn) == (3, 1.0)
+
+
+def test_the_map_has_a_place_for_every_shape_by_signature_and_as_it_stands(filled):
+    library, ids = filled
+    found = library.map(parameters=FEW)
+    assert {(item.name, item.label) for item in found.items} == {
+        *((name, "sheet") for name in BENT), *((name, "sphere") for name in ROUND), ("ring", None),
+    }  # fmt: skip
+    assert {item.id for item in found.items} == set(ids.values())
+    places = {item.name: np.array(item.point) for item in found.items}
+    originals = {item.name: np.array(item.original) for item in found.items}
+
+    def apart(of, a, b):
+        return float(np.linalg.norm(of[a] - of[b]))
+
+    exact = compare(library.signature(ids["flat"]), library.signature(ids["ball"]))
+    assert apart(places, "flat", "ball") == pytest.approx(exact, rel=0.1)
+    bent, unbent = (apart(of, "flat", "wound") / apart(of, "flat", "ball") for of in (originals, places))
+    assert unbent < 0.3 < 0.5 < bent
+    assert 0 <= found.stress < 0.05
+    assert 0 <= found.original_stress < 0.05
+
+
+def test_a_map_shows_no_more_than_asked_for_and_follows_the_library(filled):
+    library, ids = filled
+    few = library.map("moments", parameters=FEW, dimensions=3, limit=4)
+    assert (len(few.items), few.count, len(few.items[0].point)) == (4, 6, 3)
+    library.remove(ids["ring"])
+    library.change(ids["ball"], {"name": "orb", "label": None})
+    found = library.map("moments", parameters=FEW)
+    assert (found.count, {item.name for item in found.items} & {"ring", "ball", "orb"}) == (5, {"orb"})
+    assert library.map().items == []
+    for wrong in ({"limit": 0}, {"dimensions": 0}, {"measure": "volume"}, {"measure": "rigid"}):
+        with pytest.raises(ParameterError, match=str(next(iter(wrong.values())))):
+            library.map(**wrong)
+
+
+@pytest.mark.parametrize("classifier", CLASSIFIERS)
+def test_every_classifier_knows_a_bent_sheet(filled, classifier):
+    library, _ = filled
+    query = compute_signature(s_bend(**GRID), FEW)
+    ranked = library.rank(query, classifier=classifier)
+    assert ranked.classes[0].label == "sheet"
+    assert sum(match.confidence for match in ranked.classes) == pytest.approx(1.0)
+    assert library.classify(query, classifier=classifier) == ranked.classes
+
+
+def test_an_unknown_classifier_is_refused(filled):
+    library, ids = filled
+    with pytest.raises(ParameterError, match="oracle"):
+        library.rank(ids["flat"], classifier="oracle")
+
+
+@pytest.mark.parametrize("measure", ["rigid", "hausdorff"])
+def test_measures_of_whole_pairs_put_the_nearest_in_order(filled, measure):
+    library, ids = filled
+    query = compute_signature(s_bend(**GRID), FEW)
+    plain, anew = library.rank(query, k=5), library.rank(query, measure=measure, k=5)
+    assert (anew.measure, anew.classes, anew.known) == (measure, plain.classes, plain.known)
+    expected = sorted((compare(query, library.signature(match.id), measure), match.id) for match in plain.shapes)
+    assert [(match.distance, match.id) for match in anew.shapes] == expected
+    stored = library.rank(ids["flat"], measure=measure, k=2)
+    assert ids["flat"] not in [match.id for match in stored.shapes]
+    with pytest.raises(ParameterError, match="at most 100"):
+        library.rank(query, measure=measure, k=101)
 
 
 def test_evaluation_needs_labelled_shapes_of_its_parameters(filled, library):

@@ -128,6 +128,55 @@ def test_a_library_can_go_back_to_the_first_schema_and_forth_again(tmp_path):
         assert library.add(small_mesh(0), parameters=FEW) == record
 
 
+def test_a_library_from_before_revisions_keeps_what_it_holds_and_then_tells_changes(tmp_path):
+    path = tmp_path / "a.db"
+    with Library(str(path)) as library:
+        kept = [library.add(small_mesh(number), label="torus", parameters=FEW) for number in range(3)]
+        gone = library.add(small_mesh(3), parameters=FEW)
+        library.remove(gone.id)
+        ranking = library.rank(kept[0].id)
+    made = create_engine(f"sqlite:///{path}")
+    with made.begin() as connection:
+        migrate(connection, command.downgrade, "0002")
+        seen = inspect(connection)
+        assert "changed" not in {column["name"] for column in seen.get_columns("shapes")}
+        assert "removals" not in seen.get_table_names()
+    made.dispose()
+    with Library(str(path)) as library:
+        with library.store.read() as connection:
+            check_schema(connection)
+        assert library.page().items == kept
+        assert library.rank(kept[0].id) == ranking
+        library.change(kept[1].id, {"label": "ring"})
+        assert {match.id: match.label for match in library.nearest(kept[0].id)} == {
+            kept[1].id: "ring", kept[2].id: "torus",
+        }  # fmt: skip
+        assert {match.label for match in library.classify(kept[0].id)} == {"ring", "torus"}
+        library.remove(kept[1].id)
+        assert [match.id for match in library.nearest(kept[0].id)] == [kept[2].id]
+        assert library.add(small_mesh(3), parameters=FEW).seq > gone.seq
+
+
+def test_policies_that_said_nothing_of_smoothing_stay_the_keys_of_what_was_read_with_them(tmp_path):
+    policies = [MeshPolicy(), MeshPolicy(components="bridge", max_vertices=50), MeshPolicy(smooth=3)]
+    path = tmp_path / "a.db"
+    with Library(str(path)) as library:
+        records = [library.add(small_mesh(0), parameters=FEW, policy=policy) for policy in policies]
+    made = create_engine(f"sqlite:///{path}")
+    with made.begin() as connection:
+        migrate(connection, command.downgrade, "0003")
+        stored = connection.exec_driver_sql("SELECT policy FROM signatures ORDER BY id").scalars().all()
+    made.dispose()
+    assert stored == [
+        '{"components":"largest","max_vertices":null}',
+        '{"components":"bridge","max_vertices":50}',
+        '{"components":"largest","max_vertices":null,"smooth":3}',
+    ]
+    with Library(str(path)) as library:
+        assert [library.add(small_mesh(0), parameters=FEW, policy=policy) for policy in policies] == records
+        assert len(library) == len(records)
+
+
 def test_foreign_keys_are_watched_once_the_migration_is_done(tmp_path):
     with Library(str(tmp_path / "a.db")) as library:
         library.add(small_mesh(0), parameters=FEW)

@@ -15,6 +15,7 @@ from unbend.errors import ParameterError
         MeshPolicy,
         components=st.sampled_from(["largest", "bridge", "error"]),
         max_vertices=st.none() | st.integers(4, 10**9),
+        smooth=st.integers(0, 100),
     )
 )
 def test_json_round_trip_and_hash(policy):
@@ -35,7 +36,7 @@ def test_what_is_left_out_of_the_json_stays_at_its_default():
         ("{", "policy: not JSON"),
         ("[]", "policy must be a JSON object"),
         ("[" * 60_000, "policy: nested too deeply"),
-        ('{"component": "bridge"}', "policy: unknown field 'component'; known are components, max_vertices"),
+        ('{"component": "bridge"}', "policy: unknown field 'component'; known are components, max_vertices, smooth"),
         ('{"components": "smallest"}', "components must be one of largest, bridge, error, not 'smallest'"),
         ('{"components": null}', "components"),
         ('{"components": []}', "components"),
@@ -43,6 +44,12 @@ def test_what_is_left_out_of_the_json_stays_at_its_default():
         ('{"max_vertices": true}', "max_vertices"),
         ('{"max_vertices": "100"}', "max_vertices"),
         ('{"max_vertices": 100.0}', "max_vertices"),
+        ('{"smooth": -1}', "smooth must be a whole number, 0 to 100, not -1"),
+        ('{"smooth": 101}', "smooth must be a whole number, 0 to 100, not 101"),
+        ('{"smooth": true}', "smooth"),
+        ('{"smooth": 2.0}', "smooth"),
+        ('{"smooth": null}', "smooth"),
+        ('{"smooth": "2"}', "smooth"),
     ],
 )
 def test_what_is_out_of_range_is_refused_by_name(text, message):

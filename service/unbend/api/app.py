@@ -13,7 +13,7 @@ from unbend import __version__
 from unbend.api import problems
 from unbend.api.limits import BodyLimit
 from unbend.api.openapi import install_schema
-from unbend.api.routes import classes, health, jobs, queries, shapes
+from unbend.api.routes import health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
 from unbend.jobs import JobRunner
@@ -50,7 +50,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
     )
     api = APIRouter(prefix="/v1")
-    for room in (shapes, jobs, queries, classes, health):
+    for room in (shapes, jobs, queries, overview, health):
         api.include_router(room.router)
     app.include_router(api)
     app.add_api_route("/", _to_docs, include_in_schema=False)

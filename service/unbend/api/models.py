@@ -8,6 +8,7 @@ from typing import Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.library.records import JobRecord, ShapeRecord
+from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
 
 _ID = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
@@ -64,11 +65,11 @@ class JobError(BaseModel):
 
 
 class ClassMatch(BaseModel):
-    """A class, as far from the query as its nearest member."""
+    """A class and how far it is from the query."""
 
     label: str = Field(examples=["cat"])
-    distance: float = Field(examples=[0.041])
-    confidence: float = Field(description="Part of all classes' closeness; orders, but is no probability.")
+    distance: float = Field(description="As the classifier has it: its nearest member's by default.", examples=[0.041])
+    confidence: float = Field(description="Probability that it is this one, if it is any of them.", examples=[0.97])
 
 
 class ShapeMatch(BaseModel):
@@ -87,8 +88,8 @@ class Ranking(BaseModel):
     classes: list[ClassMatch]
     shapes: list[ShapeMatch]
     known: bool | None = Field(
-        description="Whether the nearest class is no farther than its members are from each other; "
-        "null where it has too few to tell."
+        description="Whether the query is as near to the best class as its members are to each other: if not, it may "
+        "be none of these. Null where the class has too few members to tell."
     )
 
 
@@ -129,6 +130,7 @@ class ShapeQuery(BaseModel):
 
     shape_id: str = Field(min_length=1, max_length=64, examples=[_ID])
     measure: str = DEFAULT_MEASURE
+    classifier: str = DEFAULT_CLASSIFIER
     k: int = Field(10, ge=1, le=1000)
 
 
@@ -143,6 +145,73 @@ class ClassList(BaseModel):
     """The classes of the library."""
 
     items: list[ClassCount]
+
+
+class MapItem(BaseModel):
+    """A shape and its places."""
+
+    id: str = Field(examples=[_ID])
+    name: str = Field(examples=["cat-03"])
+    label: str | None = Field(examples=["cat"])
+    point: list[float] = Field(description="By its signature.", examples=[[0.4, -0.1]])
+    original: list[float] = Field(description="By its surface as it stands, for comparison.", examples=[[0.2, 0.3]])
+
+
+class ShapeMap(BaseModel):
+    """Shapes as points whose distances are near those of their descriptors: the paper's D_M and Fig. 8."""
+
+    measure: str = Field(examples=[DEFAULT_MEASURE])
+    stress: float = Field(description="Eq. 2 of the points: 0 where they have exactly the descriptors' distances.")
+    original_stress: float = Field(description="Eq. 2 of the originals.")
+    count: int = Field(description="Shapes that could be shown.")
+    items: list[MapItem]
+
+
+class ClassFigures(BaseModel):
+    """The queries of one class."""
+
+    label: str = Field(examples=["cat"])
+    queries: int
+    members: int = Field(description="Shapes of the class.")
+    accuracy: float = Field(description="How often the nearest other shape is of the class.")
+    nn: float | None
+    ft: float | None
+    st: float | None
+    e: float | None
+    dcg: float | None
+    map: float | None
+
+
+class Confusion(BaseModel):
+    """Which classes are taken for which."""
+
+    labels: list[str]
+    counts: list[list[int]] = Field(description="Shapes by their class (row) and that of the nearest other (column).")
+
+
+class PrecisionRecall(BaseModel):
+    """Mean precision at levels of recall."""
+
+    recall: list[float]
+    precision: list[float]
+
+
+class EvaluationResult(BaseModel):
+    """How well stored shapes find their own class among all others, as the Princeton Shape Benchmark measures it."""
+
+    measure: str = Field(examples=[DEFAULT_MEASURE])
+    nn: float | None = Field(description="Nearest neighbour.")
+    ft: float | None = Field(description="First tier.")
+    st: float | None = Field(description="Second tier.")
+    e: float | None = Field(description="E-measure, of the first 32.")
+    dcg: float | None = Field(description="Discounted cumulative gain.")
+    map: float | None = Field(description="Mean average precision.")
+    accuracy: float = Field(description="Nearest neighbour over all shapes, those that are alone in their class too.")
+    queries: int = Field(description="Shapes asked; of a very large library, evenly chosen ones.")
+    unanswered: int
+    classes: list[ClassFigures]
+    confusion: Confusion
+    precision_recall: PrecisionRecall
 
 
 class Descriptors(BaseModel):

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from unbend.cli.options import Values, folder_argument, json_option, parameter_options, policy_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from unbend.arrays import Floats
     from unbend.cli.computing import Computed
+    from unbend.cli.folder import LabelledFile
+    from unbend.matching.evaluate import Evaluation
     from unbend.matching.measures import VectorMeasure
 
 _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
+_PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
 
 
 @click.command()
@@ -26,6 +31,8 @@ _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--measure", "measures", multiple=True, help="Only this measure; may be repeated. All by default.")
 @click.option("--gallery", type=_CSV, help="A second CSV, of the shapes that --labels' are compared with.")
 @json_option
+@click.option("--per-class", is_flag=True, help="Add each class' figures; with --json confusions and curves, too.")
+@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots: one file, to be read offline.")
 @parameter_options
 @policy_options
 def evaluate(
@@ -34,6 +41,8 @@ def evaluate(
     measures: tuple[str, ...],
     gallery: Path | None,
     as_json: bool,
+    per_class: bool,
+    html: Path | None,
     parameters: Values,
     policy: Values,
 ) -> None:
@@ -45,57 +54,130 @@ def evaluate(
     """
     from unbend.cli.computing import compute_files  # noqa: PLC0415
     from unbend.cli.folder import read_labels  # noqa: PLC0415
+    from unbend.errors import ParameterError  # noqa: PLC0415
     from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure  # noqa: PLC0415
 
     chosen = [get_vector_measure(name) for name in measures or VECTOR_MEASURES]
+    if html and not html.parent.is_dir():
+        raise ParameterError(f"{html}: there is no folder {html.parent}")
     queries = read_labels(labels, folder)
     others = read_labels(gallery, folder) if gallery else []
     computed = compute_files(queries + others, parameters, policy)
-    found, held = computed[: len(queries)], computed[len(queries) :]
-    figures = {
-        measure.name: _accuracy(measure, found, held) if gallery else _leave_one_out(measure, found)
-        for measure in chosen
-    }
-    click.echo(json.dumps(figures) if as_json else _table(figures))
+    found = computed[: len(queries)]
+    held = computed[len(queries) :] if gallery else None
+    evaluations = {measure.name: _evaluation(measure, found, held) for measure in chosen}
+    if html:
+        given = {"folder": folder, "labels": labels, "gallery": gallery}
+        maps = {measure.name: _map(measure, found) for measure in chosen}
+        page = _page(evaluations, maps, (found, held), folder, given | _settings(parameters, policy))
+        html.write_text(page, encoding="utf-8", errors="backslashreplace")  # a file's name may be no UTF-8
+    if as_json:
+        told = {
+            name: result.as_dict() if per_class else _figures(result, held is None)
+            for name, result in evaluations.items()
+        }
+        click.echo(json.dumps(told))
+    else:
+        click.echo(_tables(evaluations, held is None, per_class))
 
 
-def _leave_one_out(measure: VectorMeasure, computed: Sequence[Computed]) -> dict[str, float]:
+def _evaluation(measure: VectorMeasure, queries: Sequence[Computed], gallery: Sequence[Computed] | None) -> Evaluation:
     import numpy as np  # noqa: PLC0415
 
     from unbend.errors import ParameterError  # noqa: PLC0415
-    from unbend.matching.evaluate import leave_one_out  # noqa: PLC0415
+    from unbend.matching.evaluate import evaluate as evaluated  # noqa: PLC0415
 
-    usable = [(item.signature, str(item.file.label)) for item in computed if item.signature]
-    if not usable:
-        raise ParameterError("none of the files can be used")
-    vectors = np.stack([measure.vector(signature.descriptors) for signature, _ in usable])
-    return asdict(leave_one_out(measure.matrix(vectors), [label for _, label in usable]))
-
-
-def _accuracy(measure: VectorMeasure, queries: Sequence[Computed], gallery: Sequence[Computed]) -> dict[str, float]:
-    import numpy as np  # noqa: PLC0415
-
-    from unbend.errors import ParameterError  # noqa: PLC0415
-    from unbend.matching.evaluate import nearest_class_accuracy  # noqa: PLC0415
-    from unbend.matching.gallery import Gallery  # noqa: PLC0415
-    from unbend.matching.ranking import rank_classes  # noqa: PLC0415
-
-    held = [(item.signature, item.file.label) for item in gallery if item.signature]
+    asked, asked_labels = _vectors(measure, queries)
+    if gallery is None:
+        if not asked:
+            raise ParameterError("none of the files can be used")
+        return evaluated(measure.matrix(np.stack(asked)), asked_labels, asked_labels, own=np.arange(len(asked)))
+    held, held_labels = _vectors(measure, gallery)
     if not held:
         raise ParameterError("none of the gallery's files can be used")
-    vectors = np.stack([measure.vector(signature.descriptors) for signature, _ in held])
-    shapes = Gallery.of(vectors, [label for _, label in held])
-    nearest = [
-        rank_classes(measure.distances(measure.vector(item.signature.descriptors), vectors), shapes)[0].label
-        if item.signature
-        else None
-        for item in queries
+    shelf = np.stack(held)
+    distances = np.array([measure.distances(vector, shelf) for vector in asked]).reshape(-1, len(held))
+    failed = [str(item.file.label) for item in queries if not item.signature]
+    return evaluated(distances, asked_labels, held_labels, unanswered=failed)
+
+
+def _vectors(measure: VectorMeasure, computed: Sequence[Computed]) -> tuple[list[Any], list[str]]:
+    """Return the vectors and classes of the files that could be used."""
+    usable = [(measure.vector(item.signature.descriptors), str(item.file.label)) for item in computed if item.signature]
+    return [vector for vector, _ in usable], [label for _, label in usable]
+
+
+def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
+    """Return a place in the plane for each file that could be used."""
+    import numpy as np  # noqa: PLC0415
+
+    from unbend.matching.class_map import class_map  # noqa: PLC0415
+
+    return class_map(np.stack(_vectors(measure, computed)[0]), measure).points
+
+
+def _page(
+    evaluations: Mapping[str, Evaluation],
+    maps: Mapping[str, Floats],
+    computed: tuple[Sequence[Computed], Sequence[Computed] | None],
+    folder: Path,
+    settings: Values,
+) -> str:
+    from unbend import __version__  # noqa: PLC0415
+    from unbend.matching.evaluate.report import Report, render  # noqa: PLC0415
+
+    def names(some: Sequence[Computed]) -> list[str]:
+        return [_name(item.file, folder) for item in some if item.signature]
+
+    queries, gallery = computed
+
+    report = Report(
+        title=f"Evaluation of {folder.resolve().name}",
+        evaluations=evaluations,
+        queries=names(queries),
+        gallery=names(queries if gallery is None else gallery),
+        left_out=gallery is None,
+        failures=[(_name(item.file, folder), item.error) for item in [*queries, *(gallery or ())] if item.error],
+        settings=settings,
+        version=__version__,
+        date=datetime.now(UTC).date(),
+        maps=maps,
+    )
+    return render(report)
+
+
+def _settings(parameters: Values, policy: Values) -> Values:
+    """Return every parameter, those at their defaults too."""
+    from unbend.mesh.policy import MeshPolicy  # noqa: PLC0415
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+    from unbend.signature.signature import ALGORITHM_VERSION  # noqa: PLC0415
+
+    chosen = Parameters.from_dict(parameters).as_dict() | MeshPolicy.from_dict(policy).as_dict()
+    return chosen | {"algorithm version": ALGORITHM_VERSION}
+
+
+def _name(file: LabelledFile, folder: Path) -> str:
+    """Return the file's path as the CSV has it."""
+    return str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path)
+
+
+def _figures(evaluation: Evaluation, left_out: bool) -> dict[str, float]:
+    if left_out and evaluation.figures:
+        return asdict(evaluation.figures)
+    return {"accuracy": evaluation.accuracy}
+
+
+def _tables(evaluations: Mapping[str, Evaluation], left_out: bool, per_class: bool) -> str:
+    from unbend.cli.tables import table  # noqa: PLC0415
+
+    columns = [] if left_out else ["accuracy"]
+    columns += ["nn", "ft", "st", "e", "dcg", "map"]
+    told = {name: result.as_dict() for name, result in evaluations.items()}
+    overall = table("measure", columns, list(told.items()))
+    if not per_class:
+        return overall
+    classes = [
+        table(name, ["queries", "members", *columns], [(row["label"], row) for row in result["classes"]])
+        for name, result in told.items()
     ]
-    return {"accuracy": nearest_class_accuracy(nearest, [str(item.file.label) for item in queries])}
-
-
-def _table(figures: dict[str, dict[str, float]]) -> str:
-    columns = list(next(iter(figures.values())))
-    lines = [f"{'measure':<18}" + "".join(f"{column:>10}" for column in columns)]
-    lines += [f"{name:<18}" + "".join(f"{row[column]:>10.3f}" for column in columns) for name, row in figures.items()]
-    return "\n".join(lines)
+    return "\n\n".join([overall, *classes])

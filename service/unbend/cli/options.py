@@ -70,6 +70,12 @@ policy_options = _group(
             "help": "Of a mesh of several parts: keep the largest, link them, or refuse it.",
         },
         "--max-vertices": {"metavar": "N", "type": int, "help": "Simplify meshes of more than N vertices."},
+        "--smooth": {
+            "metavar": "N",
+            "type": int,
+            "default": 0,
+            "help": "Rounds of smoothing, for noisy scans.",
+        },
     },
 )
 

@@ -25,6 +25,7 @@ from unbend.cli.options import (
 @url_option
 @click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Shapes shown.")
 @click.option("--measure", help="How signatures are compared.")
+@click.option("--classifier", help="How distances from shapes become those from classes.")
 @json_option
 @parameter_options
 @policy_options
@@ -34,6 +35,7 @@ def query(
     url: str | None,
     k: int,
     measure: str | None,
+    classifier: str | None,
     as_json: bool,
     parameters: Values,
     policy: Values,
@@ -42,7 +44,8 @@ def query(
 
     Only shapes that were stored with the same --samples, --dimensions and --method are compared.
     """
-    asked = {"k": k} | ({"measure": measure} if measure else {})
+    chosen = {"measure": measure, "classifier": classifier}
+    asked = {"k": k} | {name: value for name, value in chosen.items() if value}
     if url:
         ranking = _over_http(url, mesh, parameters, policy, asked)
     else:
@@ -70,7 +73,7 @@ def _table(ranking: Values) -> str:
     lines = [f"{'class':<24}{'distance':>12}{'confidence':>12}"]
     lines += [f"{row['label']:<24}{row['distance']:>12.4g}{row['confidence']:>12.2f}" for row in ranking["classes"][:5]]
     if ranking["known"] is False:
-        lines.append("farther than the nearest class' members are from each other: it may be none of these")
+        lines.append("farther from the best class than its members are from each other: it may be none of these")
     lines += ["", f"{'shape':<24}{'distance':>12}  class"]
     lines += [f"{row['name']:<24}{row['distance']:>12.4g}  {row['label'] or '-'}" for row in ranking["shapes"]]
     return "\n".join(lines)

@@ -12,7 +12,7 @@ from typing import Any, Self
 import httpx
 
 from unbend.client import protocol
-from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile
+from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile, Question
 
 _TIMEOUT = httpx.Timeout(POLL_SECONDS + 30.0, connect=10.0)
 
@@ -130,21 +130,24 @@ class Client:
         source: bytes | str | Path,
         *,
         measure: str | None = None,
+        classifier: str | None = None,
         k: int = 10,
         parameters: Mapping[str, Any] | None = None,
         policy: Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
         """Return the ranking of classes and shapes for a mesh that is not to be stored."""
-        content = protocol.query_content(MeshFile.of(source), measure, k, parameters, policy)
+        content = protocol.query_content(MeshFile.of(source), Question(measure, classifier, k), parameters, policy)
         response = self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
         return Job(self, response.json()).result(timeout)
 
-    def query_shape(self, shape_id: str, *, measure: str | None = None, k: int = 10) -> Json:
+    def query_shape(
+        self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
+    ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, measure, k)
+        asked = protocol.shape_query(shape_id, Question(measure, classifier, k))
         return dict(self.request("POST", "/v1/queries", json=asked).json())
 
     def shape(self, shape_id: str) -> Json:
@@ -180,6 +183,14 @@ class Client:
     def classes(self) -> dict[str, int]:
         """Return the classes and how many shapes each has."""
         return {item["label"]: item["count"] for item in self.request("GET", "/v1/classes").json()["items"]}
+
+    def map(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
+        """Return a place for each stored shape, those alike near each other."""
+        return dict(self.request("GET", "/v1/map", params=protocol.overview(measure, parameters)).json())
+
+    def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
+        """Return how well the stored shapes find their own class."""
+        return dict(self.request("GET", "/v1/evaluation", params=protocol.overview(measure, parameters)).json())
 
 
 class AsyncJob:
@@ -275,6 +286,7 @@ class AsyncClient:
         source: bytes | str | Path,
         *,
         measure: str | None = None,
+        classifier: str | None = None,
         k: int = 10,
         parameters: Mapping[str, Any] | None = None,
         policy: Mapping[str, Any] | None = None,
@@ -282,15 +294,17 @@ class AsyncClient:
     ) -> Json:
         """Return the ranking of classes and shapes for a mesh that is not to be stored."""
         mesh = await asyncio.to_thread(MeshFile.of, source)
-        content = protocol.query_content(mesh, measure, k, parameters, policy)
+        content = protocol.query_content(mesh, Question(measure, classifier, k), parameters, policy)
         response = await self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
         return await AsyncJob(self, response.json()).result(timeout)
 
-    async def query_shape(self, shape_id: str, *, measure: str | None = None, k: int = 10) -> Json:
+    async def query_shape(
+        self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
+    ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, measure, k)
+        asked = protocol.shape_query(shape_id, Question(measure, classifier, k))
         return dict((await self.request("POST", "/v1/queries", json=asked)).json())
 
     async def shape(self, shape_id: str) -> Json:
@@ -328,3 +342,11 @@ class AsyncClient:
         """Return the classes and how many shapes each has."""
         items = (await self.request("GET", "/v1/classes")).json()["items"]
         return {item["label"]: item["count"] for item in items}
+
+    async def map(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
+        """Return a place for each stored shape, those alike near each other."""
+        return dict((await self.request("GET", "/v1/map", params=protocol.overview(measure, parameters))).json())
+
+    async def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
+        """Return how well the stored shapes find their own class."""
+        return dict((await self.request("GET", "/v1/evaluation", params=protocol.overview(measure, parameters))).json())

@@ -83,15 +83,20 @@ def upload_content(mesh: MeshFile, details: Details) -> Content:
     return _content(mesh, vars(details))
 
 
+@dataclass(frozen=True)
+class Question:
+    """How a query is answered; what is None is left to the service."""
+
+    measure: str | None
+    classifier: str | None
+    k: int
+
+
 def query_content(
-    mesh: MeshFile,
-    measure: str | None,
-    k: int,
-    parameters: Mapping[str, Any] | None,
-    policy: Mapping[str, Any] | None,
+    mesh: MeshFile, question: Question, parameters: Mapping[str, Any] | None, policy: Mapping[str, Any] | None
 ) -> Content:
     """Return the form of a query by file."""
-    return _content(mesh, {"measure": measure, "k": k, "parameters": parameters, "policy": policy})
+    return _content(mesh, vars(question) | {"parameters": parameters, "policy": policy})
 
 
 def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
@@ -103,9 +108,15 @@ def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
     return {"files": {"file": (mesh.name, mesh.data)}, "data": data}
 
 
-def shape_query(shape_id: str, measure: str | None, k: int) -> Json:
+def shape_query(shape_id: str, question: Question) -> Json:
     """Return the body of a query by a stored shape."""
-    return {"shape_id": shape_id, "k": k} | ({} if measure is None else {"measure": measure})
+    return {"shape_id": shape_id} | {name: value for name, value in vars(question).items() if value is not None}
+
+
+def overview(measure: str | None, parameters: Mapping[str, Any] | None) -> dict[str, str]:
+    """Return the parameters of a call about the library as a whole."""
+    asked = {"measure": measure, "parameters": None if parameters is None else json.dumps(dict(parameters))}
+    return {name: value for name, value in asked.items() if value is not None}
 
 
 def page(label: str | None, cursor: str | None) -> dict[str, str]:

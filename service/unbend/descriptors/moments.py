@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -12,17 +13,19 @@ import numpy as np
 from unbend.arrays import Floats
 
 _AXES: Final = 3
-_BLUR: Final = 0.05
+BLUR: Final = 0.05
 """Axes whose second moments differ by less than this share of their sum are shared between them."""
 
-_MIXED: Final = ((0, 0, 0), (0, 1, 1), (0, 1, 2), (0, 2, 2), (1, 1, 1), (1, 1, 2), (1, 2, 2), (2, 2, 2))
+MIXED: Final = ((0, 0, 0), (0, 1, 1), (0, 1, 2), (0, 2, 2), (1, 1, 1), (1, 1, 2), (1, 2, 2), (2, 2, 2))
 """Which third moments are kept. The paper has fewer than 15 numbers, so two must go: those most nearly told by others.
 
 What (0, 0, 1) and (0, 0, 2) would say, the sums along axes 1 and 2 do: most of the spread is along axis 0.
 """
 
 
-def moments(points: Floats, weights: Floats) -> Floats:
+def moments(
+    points: Floats, weights: Floats, *, blur: float = BLUR, mixed: Sequence[tuple[int, int, int]] = MIXED
+) -> Floats:
     """Return the moments of a point set about its principal axes, as a continuous function of the points.
 
     Where two second moments are equal, or nearly, the axes are any in their plane, and moments along them jump with
@@ -43,23 +46,27 @@ def moments(points: Floats, weights: Floats) -> Floats:
         In any pose.
     weights : (n,) float64
         Area that each point stands for.
+    blur : float
+        Share of the second moments' sum.
+    mixed : sequence of (a, b, c)
+        Which m_abc are wanted, axes ascending.
 
     Returns
     -------
-    (14,) float64
-        l_a, the three largest second moments; three s_a; eight m_abc. The last two are divided by the points' root
+    (6 + number of `mixed`,) float64
+        l_a, the three largest second moments; three s_a; the m_abc. The last two are divided by the points' root
         mean square distance from their centre, so that all are squares of a length. Where m < 3, missing axes count as
         zero; where m > 3, sums and blur take in all axes.
     """
     spread, second, third = _principal(points, weights)
-    blurred = np.exp(-(((second[:_AXES, None] - second) / _BLUR) ** 2))  # (3, m)
+    blurred = np.exp(-(((second[:_AXES, None] - second) / blur) ** 2))  # (3, m)
     blurred /= blurred.sum(axis=1, keepdims=True)
     sums = blurred @ np.einsum("ijj->i", third) ** 2
     squares = third**2
     for _ in range(3):  # each time the first axis is contracted, and the blurred one becomes the last
         squares = np.tensordot(squares, blurred, (0, 1))
-    mixed = np.array([squares[axes] for axes in _MIXED])
-    return np.asarray(spread * np.concatenate([second[:_AXES], np.sqrt(np.concatenate([sums, mixed]))]))
+    kept = np.array([squares[axes] for axes in mixed])
+    return np.asarray(spread * np.concatenate([second[:_AXES], np.sqrt(np.concatenate([sums, kept]))]))
 
 
 def _principal(points: Floats, weights: Floats) -> tuple[float, Floats, Floats]:

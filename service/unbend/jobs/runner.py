@@ -280,8 +280,7 @@ class JobRunner:
 
     def _store(self, job: JobRecord, outcome: Outcome) -> None:
         if job.kind == "query":
-            request = job.request
-            ranking = self._library.rank(outcome.signature, measure=request["measure"], k=request["k"])
+            ranking = self._library.rank(outcome.signature, **job.request)
             self._finish(job.id, "succeeded", result=ranking.as_dict())
             return
         new = rows.NewShape(

@@ -22,6 +22,7 @@ from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.progress import ProgressFile
 from unbend.library.engine import Store
 from unbend.library.shapes import get_mesh
+from unbend.matching.measures import MEASURES, compare
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
@@ -147,10 +148,17 @@ def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes
 
 
 def warm_up() -> bool:
-    """Compile or load every kernel by computing a small signature, so that the first job does not wait."""
-    tetrahedron = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
-    compute_signature(read_mesh(tetrahedron), threads=1)
+    """Compile or load every kernel by comparing two small signatures, so that nobody waits for the first answer."""
+    first, second = (
+        compute_signature(read_mesh(f"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {z}\n{_SIDES}".encode()), threads=1)
+        for z in (1, 2)
+    )
+    for measure in MEASURES:
+        compare(first, second, measure)
     return True
+
+
+_SIDES = "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
 
 def _read(mesh: StoredMesh) -> Surface:

@@ -3,85 +3,129 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
-from sqlalchemy import Connection, func, select
+from sqlalchemy import Connection, FromClause, Select, and_, bindparam, func, select
 
 from unbend.arrays import Singles
-from unbend.library.payload import unpack_vector
-from unbend.library.schema import descriptors, library_state, shapes, signatures
+from unbend.errors import StoreError
+from unbend.library.schema import descriptors, library_state, removals, shapes, signatures
+from unbend.library.table import Held, Table
+from unbend.matching.measures import VectorMeasure
+
+_CHUNK: Final = 256
+"""Rows that are read from the store at a time: few, so that they are still in the cache when they are put together."""
+
+_STATE = select(library_state.c.revision, select(func.max(shapes.c.seq)).scalar_subquery())
+_CHANGED = select(shapes.c.seq, shapes.c.label).where(shapes.c.changed > bindparam("revision"))
+_REMOVED = select(removals.c.seq).where(removals.c.revision > bindparam("revision"))
 
 
 @dataclass(frozen=True)
 class IndexKey:
     """What makes vectors comparable."""
 
-    measure: str
+    measure: VectorMeasure
     parameters: str
     version: str
 
 
-@dataclass(frozen=True)
-class IndexedShapes:
-    """The shapes of one key in the order they were added."""
-
-    vectors: Singles = field(default_factory=lambda: np.empty((0, 0), np.float32))  # (n, d)
-    ids: tuple[str, ...] = ()
-    names: tuple[str, ...] = ()
-    labels: tuple[str | None, ...] = ()
-    revision: int = -1
-    last_seq: int = 0
-
-
 class VectorIndex:
-    """Cache of `IndexedShapes` by key; SQLite stays the truth."""
+    """Tables of vectors by key; the store stays the truth. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._cache: dict[IndexKey, IndexedShapes] = {}
+        self._tables: dict[IndexKey, _StoredTable] = {}
 
-    def get(self, connection: Connection, key: IndexKey) -> IndexedShapes:
-        """Return all shapes that `connection` sees under `key`."""
-        revision = connection.scalar(select(library_state.c.revision)) or 0
-        last = connection.scalar(select(func.max(shapes.c.seq))) or 0
+    def get(self, connection: Connection, key: IndexKey) -> Held:
+        """Return all shapes that `connection` sees under `key`.
+
+        Its transaction should begin with this call: then it sees no less than others have brought here.
+
+        Raises
+        ------
+        StoreError
+            If what is stored does not fit together.
+        """
         with self._lock:
-            cached = self._cache.get(key, IndexedShapes())
-            if cached.revision != revision:
-                cached = IndexedShapes(revision=revision)
-            if cached.last_seq < last:
-                cached = _extended(connection, key, cached, last)
-            self._cache[key] = cached
-            return cached
+            if key not in self._tables:
+                self._tables[key] = _StoredTable(key)
+            table = self._tables[key]
+        return table.at(connection)
 
 
-def _extended(connection: Connection, key: IndexKey, known: IndexedShapes, last: int) -> IndexedShapes:
-    query = (
-        select(shapes.c.id, shapes.c.name, shapes.c.label, descriptors.c.vector)
-        .select_from(
-            shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
-                descriptors, descriptors.c.signature_id == signatures.c.id
-            )
+class _StoredTable:
+    """A table and the revision of the store it is true to. Whoever asks while it is read waits, and reads nothing."""
+
+    def __init__(self, key: IndexKey) -> None:
+        self._lock = threading.Lock()
+        self._weights = [weight for _, weight in key.measure.parts]
+        self._added = _select_added(key)
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._table = Table()
+        self._held = self._table.held()
+        self._revision = -1
+        self._last_seq = 0
+
+    def at(self, connection: Connection) -> Held:
+        with self._lock:
+            revision, last = connection.execute(_STATE).one()
+            if revision < self._revision:  # an older store was put into the place of this one
+                self._begin_anew()
+            if revision != self._revision:
+                self._catch_up(connection, last or 0)
+                self._held = self._table.held()
+                self._revision = revision
+            return self._held
+
+    def _catch_up(self, connection: Connection, last: int) -> None:
+        if len(self._table):
+            since = {"revision": self._revision}
+            changed = connection.execute(_CHANGED, since).all()
+            self._table.relabel([row.seq for row in changed], [row.label for row in changed])
+            self._table.remove(connection.scalars(_REMOVED, since).all())
+        added = connection.execute(
+            self._added, {"after": self._last_seq, "last": last}, execution_options={"yield_per": _CHUNK}
         )
+        for rows in added.partitions():
+            seqs, labels, *parts = zip(*rows, strict=True)
+            self._table.append(seqs, labels, _vectors(parts, self._weights))
+            self._last_seq = seqs[-1]
+        self._last_seq = max(self._last_seq, last)
+
+
+def _select_added(key: IndexKey) -> Select[*tuple[Any, ...]]:
+    """Make the statement that reads seqs, labels and each of a measure's descriptors, in the order of adding."""
+    joined: FromClause = shapes.join(signatures, shapes.c.signature_id == signatures.c.id)
+    columns: list[Any] = [shapes.c.seq, shapes.c.label]
+    for name, _ in key.measure.parts:
+        part = descriptors.alias()
+        joined = joined.join(part, and_(part.c.signature_id == signatures.c.id, part.c.measure == name))
+        columns.append(part.c.vector)
+    return (
+        select(*columns)
+        .select_from(joined)
         .where(
-            descriptors.c.measure == key.measure,
+            shapes.c.seq > bindparam("after"),
+            shapes.c.seq <= bindparam("last"),
             signatures.c.parameters == key.parameters,
             signatures.c.version == key.version,
-            shapes.c.seq > known.last_seq,
-            shapes.c.seq <= last,
         )
         .order_by(shapes.c.seq)
     )
-    rows = connection.execute(query).all()
-    vectors = known.vectors
-    if rows:
-        added = np.stack([unpack_vector(row.vector) for row in rows]).astype(np.float32)
-        vectors = np.concatenate([vectors, added]) if len(vectors) else added
-    return IndexedShapes(
-        vectors,
-        known.ids + tuple(row.id for row in rows),
-        known.names + tuple(row.name for row in rows),
-        known.labels + tuple(row.label for row in rows),
-        known.revision,
-        last,
-    )
+
+
+def _vectors(parts: Sequence[Sequence[bytes]], weights: Sequence[float]) -> Singles:
+    """Return what `VectorMeasure.vector` makes of each row's descriptors, (n, d)."""
+    blocks = []
+    for part, weight in zip(parts, weights, strict=True):
+        if len(set(map(len, part))) > 1:
+            raise StoreError("stored descriptors of one kind are of different lengths")
+        block = np.frombuffer(b"".join(part), "<f8").reshape(len(part), -1)
+        blocks.append((weight * block).astype(np.float32))
+    return np.concatenate(blocks, axis=1)

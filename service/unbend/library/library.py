@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-
-from unbend.errors import NotFoundError, ParameterError
+from unbend.errors import ParameterError
 from unbend.library import shapes as rows
 from unbend.library.engine import Store
-from unbend.library.index import IndexedShapes, IndexKey, VectorIndex
+from unbend.library.index import IndexKey, VectorIndex
 from unbend.library.key import UploadKey
+from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, map_of
 from unbend.library.payload import unpack_signature
+from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.values import MAX_TEXT, check_changes
-from unbend.matching.evaluate import RetrievalFigures, leave_one_out
-from unbend.matching.gallery import Gallery
-from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
-from unbend.matching.ranking import ClassMatch, is_known, rank_classes, rank_shapes
+from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
+from unbend.matching.evaluate import Evaluation
+from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
+from unbend.matching.measures.moments import SURFACE_MOMENTS
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.signature.parameters import Parameters
@@ -28,21 +28,6 @@ from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import ALGORITHM_VERSION, Signature
 
 DEFAULT_K = 10
-
-
-@dataclass(frozen=True)
-class Ranking:
-    """What a query is and what is like it, best first."""
-
-    measure: str
-    classes: list[ClassMatch]
-    shapes: list[ShapeMatch]
-    known: bool | None
-    """Whether the nearest class is near enough; None where the library cannot tell."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the ranking as plain JSON values, as the HTTP contract has it."""
-        return asdict(self)
 
 
 class Library:
@@ -188,7 +173,14 @@ class Library:
         with self.store.read() as connection:
             return rows.count_shapes(connection)
 
-    def rank(self, query: Signature | str, *, measure: str = DEFAULT_MEASURE, k: int = DEFAULT_K) -> Ranking:
+    def rank(
+        self,
+        query: Signature | str,
+        *,
+        measure: str = DEFAULT_MEASURE,
+        classifier: str = DEFAULT_CLASSIFIER,
+        k: int = DEFAULT_K,
+    ) -> Ranking:
         """Rank classes and the `k` nearest shapes.
 
         Parameters
@@ -196,6 +188,10 @@ class Library:
         query : Signature or str
             A signature, or the id of a stored shape, which is then not among its own answers.
         measure : str
+            One that compares whole shapes (`rigid`, `hausdorff`) puts those in order that are nearest by the default
+            measure; classes are then the default measure's.
+        classifier : str
+            How distances from shapes become those from classes.
         k : int
             Shapes returned; all classes are.
 
@@ -209,66 +205,67 @@ class Library:
         NotFoundError
             If there is no such shape.
         ParameterError
-            If there is no such measure, or `k` is below 1.
+            If there is no such measure or classifier, the classifier needs more labels, `k` is below 1, or above
+            `MOST_PAIRS` where whole shapes are compared.
         """
-        if k < 1:
-            raise ParameterError(f"k must be at least 1, not {k}")
-        chosen = get_vector_measure(measure)
-        signature = self.signature(query) if isinstance(query, str) else query
-        held = self._held(IndexKey(measure, signature.parameters.to_json(), signature.version))
-        if isinstance(query, str):
-            held = _without(held, query)
-        if not held.ids:
-            return Ranking(measure, [], [], None)
-        distances = chosen.distances(chosen.vector(signature.descriptors), held.vectors)
-        gallery = Gallery.of(held.vectors, held.labels)
-        classes = rank_classes(distances, gallery)
-        matches = [
-            ShapeMatch(held.ids[row], held.names[row], held.labels[row], float(distances[row]))
-            for row in rank_shapes(distances, k)
-        ]
-        return Ranking(measure, classes, matches, is_known(gallery, chosen, classes[0] if classes else None))
+        return rank(self.store, self._index, query, Question.of(measure, classifier, k))
 
     def nearest(
         self, query: Signature | str, k: int = DEFAULT_K, *, measure: str = DEFAULT_MEASURE
-    ) -> list[ShapeMatch]:
+    ) -> Sequence[ShapeMatch]:
         """Return the `k` nearest shapes, as `rank` finds them."""
         return self.rank(query, measure=measure, k=k).shapes
 
-    def classify(self, query: Signature | str, *, measure: str = DEFAULT_MEASURE) -> list[ClassMatch]:
-        """Return the classes, nearest first, as `rank` finds them."""
-        return self.rank(query, measure=measure, k=1).classes
+    def classify(
+        self, query: Signature | str, *, measure: str = DEFAULT_MEASURE, classifier: str = DEFAULT_CLASSIFIER
+    ) -> Sequence[ClassMatch]:
+        """Return the classes, the most likely first, as `rank` finds them."""
+        return self.rank(query, measure=measure, classifier=classifier, k=1).classes
 
-    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> RetrievalFigures:
-        """Return leave-one-out retrieval figures of the labelled shapes made with `parameters`.
+    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> Evaluation:
+        """Ask the labelled shapes made with `parameters` of each other, and return retrieval figures.
+
+        Of a very large library some shapes, evenly chosen, are asked of all others.
 
         Raises
         ------
         ParameterError
-            If no class has two members, or there is no such measure.
+            If no class has two members, or there is no such measure, or it does not compare vectors.
         """
         chosen = get_vector_measure(measure)
-        held = self._held(IndexKey(measure, (parameters or Parameters()).to_json(), ALGORITHM_VERSION))
-        labelled = [row for row, label in enumerate(held.labels) if label is not None]
-        return leave_one_out(
-            chosen.matrix(held.vectors[labelled]) if labelled else np.empty((0, 0)),
-            [str(held.labels[row]) for row in labelled],
-        )
-
-    def _held(self, key: IndexKey) -> IndexedShapes:
         with self.store.read() as connection:
-            return self._index.get(connection, key)
+            held = self._index.get(connection, _key(chosen, parameters))
+        return evaluation_of(held, chosen)
+
+    def map(
+        self,
+        measure: str = DEFAULT_MEASURE,
+        *,
+        parameters: Parameters | None = None,
+        dimensions: int = 2,
+        limit: int = MAP_LIMIT,
+    ) -> ShapeMap:
+        """Place the shapes made with `parameters` so that those alike are near each other (the paper's Fig. 8).
+
+        Parameters
+        ----------
+        measure : str
+        parameters : Parameters, optional
+            Defaults as `Parameters()` has them.
+        dimensions : int, default 2
+        limit : int, default 5000
+            Of more shapes, evenly chosen ones are shown.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such measure, or it does not compare vectors, or a number is below 1.
+        """
+        chosen, shown = get_vector_measure(measure), Shown(dimensions, limit)
+        with self.store.read() as connection:
+            held, original = (self._index.get(connection, _key(each, parameters)) for each in (chosen, SURFACE_MOMENTS))
+            return map_of(connection, held, original, chosen, shown)
 
 
-def _without(held: IndexedShapes, shape_id: str) -> IndexedShapes:
-    rest = [row for row, other in enumerate(held.ids) if other != shape_id]
-    if len(rest) == len(held.ids):
-        raise NotFoundError(f"no shape {shape_id}")
-    return IndexedShapes(
-        held.vectors[rest],
-        tuple(held.ids[row] for row in rest),
-        tuple(held.names[row] for row in rest),
-        tuple(held.labels[row] for row in rest),
-        held.revision,
-        held.last_seq,
-    )
+def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:
+    return IndexKey(measure, (parameters or Parameters()).to_json(), ALGORITHM_VERSION)

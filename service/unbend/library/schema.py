@@ -90,9 +90,21 @@ shapes = Table(
     Column("metadata", JSON, nullable=False),
     Column("signature_id", ForeignKey("signatures.id"), nullable=False, unique=True),
     Column("created_at", Instant, nullable=False),
+    Column("changed", Integer, nullable=False, server_default="0"),
     Index(None, "label", "seq"),
+    Index(None, "changed"),
     sqlite_autoincrement=True,
-    comment="The library's members. seq never comes again, so that pages and the search index can rely on it.",
+    comment="The library's members. seq never comes again, so that pages and the search index can rely on it; "
+    "changed is the revision that last changed a row since it was added.",
+)
+
+removals = Table(
+    "removals",
+    metadata,
+    Column("seq", Integer, primary_key=True, autoincrement=False),
+    Column("revision", Integer, nullable=False),
+    Index(None, "revision"),
+    comment="Shapes that are gone, and the revision that removed them.",
 )
 
 jobs = Table(
@@ -128,5 +140,5 @@ library_state = Table(
     metadata,
     Column("id", Integer, primary_key=True),
     Column("revision", Integer, nullable=False),
-    comment="One row; revision counts changes to shapes other than additions, so that caches know.",
+    comment="One row; revision counts changes to shapes, so that caches know.",
 )

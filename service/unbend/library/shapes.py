@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Connection, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library.key import UploadKey
 from unbend.library.payload import pack_signature, pack_vector
-from unbend.library.records import ShapePage, ShapeRecord
-from unbend.library.schema import descriptors, jobs, library_state, meshes, shapes, signatures
+from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
+from unbend.library.schema import descriptors, jobs, library_state, meshes, removals, shapes, signatures
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.signature import Signature
 
@@ -28,6 +29,15 @@ _COLUMNS = (
 )  # fmt: skip
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
     meshes, signatures.c.mesh_sha256 == meshes.c.sha256
+)
+# What every search asks, made once.
+_PLACE = (
+    select(shapes.c.seq, signatures.c.parameters, signatures.c.version)
+    .join(signatures, shapes.c.signature_id == signatures.c.id)
+    .where(shapes.c.id == bindparam("shape_id"))
+)
+_NAMED = select(shapes.c.seq, shapes.c.id, shapes.c.name, shapes.c.label).where(
+    shapes.c.seq.in_(bindparam("seqs", expanding=True))
 )
 
 
@@ -84,6 +94,7 @@ def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
     if known:
         return known
     signature = new.signature
+    _next_revision(connection)
     inserted = connection.execute(
         insert(signatures).values(
             mesh_sha256=new.sha256, parameters=new.key.parameters, policy=new.key.policy, version=new.key.version,
@@ -139,6 +150,24 @@ def get_signature_payload(connection: Connection, shape_id: str) -> bytes:
     return bytes(payload)
 
 
+def get_place(connection: Connection, shape_id: str) -> tuple[int, str, str]:
+    """Return a shape's place in the order of adding, and its signature's parameters and version."""
+    row = connection.execute(_PLACE, {"shape_id": shape_id}).one_or_none()
+    if row is None:
+        raise NotFoundError(f"no shape {shape_id}")
+    return row.seq, row.parameters, row.version
+
+
+def get_matches(connection: Connection, seqs: Sequence[int], distances: Sequence[float]) -> list[ShapeMatch]:
+    """Return the shapes at these places in the order of adding, each at its distance."""
+    found: dict[int, Row[Any]] = {}
+    for start in range(0, len(seqs), MAX_PAGE):
+        named = connection.execute(_NAMED, {"seqs": seqs[start : start + MAX_PAGE]})
+        found |= {row.seq: row for row in named}
+    ranked = ((found[seq], distance) for seq, distance in zip(seqs, distances, strict=True))
+    return [ShapeMatch(row.id, row.name, row.label, distance) for row, distance in ranked]
+
+
 def list_shapes(connection: Connection, *, label: str | None, cursor: str | None, limit: int) -> ShapePage:
     """Return up to `limit` shapes after `cursor`, in the order they were added."""
     query = select(*_COLUMNS).select_from(_JOINED).order_by(shapes.c.seq).limit(min(limit, MAX_PAGE) + 1)
@@ -155,8 +184,8 @@ def change_shape(connection: Connection, shape_id: str, changes: dict[str, Any])
     """Change a shape's name, label or metadata."""
     get_shape(connection, shape_id)
     if changes:
-        connection.execute(update(shapes).where(shapes.c.id == shape_id).values(**changes))
-        _bump_revision(connection)
+        revision = _next_revision(connection)
+        connection.execute(update(shapes).where(shapes.c.id == shape_id).values(**changes, changed=revision))
     return get_shape(connection, shape_id)
 
 
@@ -167,7 +196,7 @@ def remove_shape(connection: Connection, shape_id: str) -> None:
     connection.execute(delete(shapes).where(shapes.c.id == shape_id))
     connection.execute(delete(signatures).where(signatures.c.id == signature_id))
     drop_unused_mesh(connection, record.sha256)
-    _bump_revision(connection)
+    connection.execute(insert(removals).values(seq=record.seq, revision=_next_revision(connection)))
 
 
 def count_labels(connection: Connection) -> dict[str, int]:
@@ -183,8 +212,10 @@ def count_shapes(connection: Connection) -> int:
     return connection.scalar(select(func.count()).select_from(shapes)) or 0
 
 
-def _bump_revision(connection: Connection) -> None:
-    connection.execute(update(library_state).values(revision=library_state.c.revision + 1))
+def _next_revision(connection: Connection) -> int:
+    """Count a change. Before a shape is added, so that where writers wait for each other here, seqs are in order."""
+    changed = update(library_state).values(revision=library_state.c.revision + 1).returning(library_state.c.revision)
+    return int(connection.scalars(changed).one())
 
 
 def _cursor(text: str) -> int:

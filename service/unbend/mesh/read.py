@@ -40,8 +40,8 @@ def read_mesh(
     file_type : str, optional
         "off", "obj", "ply", "stl" or "glb": used where the content does not tell. A path's own by default.
     policy : MeshPolicy, optional
-        What to do with several components, and with more vertices than wanted; keeps the largest component and
-        all vertices by default.
+        What to do with several components, noise, and more vertices than wanted; keeps the largest component and
+        all vertices, where they are, by default.
 
     Returns
     -------

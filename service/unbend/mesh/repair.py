@@ -14,17 +14,20 @@ from unbend.mesh.clean import cleaned
 from unbend.mesh.components import largest_component
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.report import MeshReport, counted_noun
+from unbend.mesh.roughness import ROUGH, roughness
 from unbend.mesh.simplify import simplify
+from unbend.mesh.smooth import smoothed_vertices
 from unbend.mesh.surface import Surface, check_mesh
+from unbend.tolerances import DEGENERATE_HEIGHT
 
 
 def repair(vertices: ArrayLike, faces: ArrayLike, *, file_type: str = "", policy: MeshPolicy | None = None) -> Surface:
     """Return the surface that raw `vertices` (n, 3) and `faces` (m, 3) describe.
 
     Faces that use a coordinate that is not finite, repeat a vertex or repeat another face are dropped, and
-    `policy` says what happens to further components and to a mesh of many vertices. Vertices are never dropped,
-    moved or renumbered, except where the policy asks for fewer: then the surface's `vertex_map` says where they
-    went.
+    `policy` says what happens to further components, to noise and to a mesh of many vertices. Vertices are never
+    dropped or renumbered, except where the policy asks for fewer: then the surface's `vertex_map` says where they
+    went. Nor are they moved, except by that and by smoothing.
 
     Raises
     ------
@@ -39,6 +42,7 @@ def repair(vertices: ArrayLike, faces: ArrayLike, *, file_type: str = "", policy
     surface = cleaned(points, corners.astype(np.int32, copy=False), report)
     surface = _choose_component(surface, policy)
     surface = surface.with_report(surface.report.adding(**asdict(take_census(surface))).described())
+    surface = _smoothed(surface, policy.smooth)
     if policy.max_vertices is None or len(surface.used_vertices) <= policy.max_vertices:
         return _bridged(surface) if policy.components == "bridge" else surface
     return _bridged(_simplified(surface, policy.max_vertices))  # collapses may part what hung together by a vertex
@@ -53,6 +57,21 @@ def _choose_component(surface: Surface, policy: MeshPolicy) -> Surface:
         raise MeshGeometryError(f"the mesh has {count} components, and the policy allows one")
     note = f"{count:,} components: kept the largest, with {share:.1%} of the area"
     return Surface(surface.vertices, faces, report.adding(note))
+
+
+def _smoothed(surface: Surface, rounds: int) -> Surface:
+    """Smooth `surface` where wanted; where not, say so if it is rough."""
+    rough = roughness(surface)
+    report = surface.report.adding(roughness=rough)
+    if rounds == 0:
+        note = "the surface is rough, as noise makes it: the policy `smooth` evens noise out"
+        return surface.with_report(report.adding(note if rough > ROUGH else None))
+    smoothed = Surface(smoothed_vertices(surface, rounds), surface.faces)
+    change, given = smoothed.area / surface.area - 1, counted_noun(rounds, "round", "rounds")
+    if not smoothed.area > DEGENERATE_HEIGHT * surface.area:
+        raise MeshGeometryError(f"after {given} of smoothing no area is left: the mesh has too few vertices for it")
+    note = f"smoothed in {given}: the area changed by {change:+.2%}"
+    return smoothed.with_report(report.adding(note, smoothing_rounds=rounds, area_change=change))
 
 
 def _simplified(surface: Surface, most: int) -> Surface:

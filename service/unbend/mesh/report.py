@@ -11,7 +11,7 @@ class MeshReport:
     """Counts of what a mesh held, before repair, and in `notes` one sentence for each thing found or done.
 
     Faces are counted as they were given, and so is what makes a face useless. Edges, loops, fans and orientation
-    are those of the faces kept, before links are added and before simplification.
+    are those of the faces kept, before smoothing, links and simplification.
     """
 
     file_type: str = ""
@@ -46,6 +46,12 @@ class MeshReport:
     """Length of the longest link, in units of the mesh."""
     link_area: float = 0.0
     """Area that links add, in squared units of the mesh."""
+    roughness: float = 0.0
+    """How much of the area is noise, roughly, before smoothing: the share of the bending that goes against the bending
+    around it, times the share of the area that a round of smoothing takes off."""
+    smoothing_rounds: int = 0
+    area_change: float | None = None
+    """By what share smoothing changed the area, -0.1 for a tenth less; None where there was none."""
     simplified_vertices: int | None = None
     """Vertices after simplification, None where there was none."""
     deviation: float | None = None

@@ -19,6 +19,7 @@ from unbend.api.routes.jobs import MAX_WAIT_SECONDS
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import read_upload
 from unbend.library.records import JobRecord
+from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import DEFAULT_MEASURE, get_measure
 
 router = APIRouter(prefix="/queries", tags=["queries"])
@@ -32,6 +33,7 @@ class FileQuery(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     measure: str = DEFAULT_MEASURE
+    classifier: str = Field(DEFAULT_CLASSIFIER, description="How distances from shapes become those from classes.")
     k: int = Field(10, ge=1, le=1000, description="Shapes in the answer; all classes are.")
     parameters: str | None = Field(None, description="A JSON object; shapes stored with others are not compared.")
     policy: str | None = Field(None, description="A JSON object: how to read the file.")
@@ -84,7 +86,9 @@ async def query(
 
 
 async def _by_shape(service: Service, asked: ShapeQuery) -> Response:
-    ranking = await asyncio.to_thread(service.library.rank, asked.shape_id, measure=asked.measure, k=asked.k)
+    ranking = await asyncio.to_thread(
+        service.library.rank, asked.shape_id, measure=asked.measure, classifier=asked.classifier, k=asked.k
+    )
     return JSONResponse(ranking.as_dict())
 
 
@@ -94,8 +98,11 @@ async def _by_file(service: Service, form: FormData, wait: float) -> Response:
         raise _invalid(("body", "file"), "a file is required")
     asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
     get_measure(asked.measure)
+    get_classifier(asked.classifier)
     upload = await read_upload(file, asked.parameters, asked.policy)
-    answer = await service.runner.submit("query", upload, {"measure": asked.measure, "k": asked.k})
+    answer = await service.runner.submit(
+        "query", upload, {"measure": asked.measure, "classifier": asked.classifier, "k": asked.k}
+    )
     if not isinstance(answer, JobRecord):
         raise TypeError("a query does not become a shape")
     record = await service.runner.wait(answer.id, wait) if wait else answer

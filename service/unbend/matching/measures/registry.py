@@ -7,17 +7,24 @@ from types import MappingProxyType
 from typing import Final
 
 from unbend.errors import ParameterError
+from unbend.matching.measures.combined import COMBINED
 from unbend.matching.measures.distribution import DISTRIBUTION
+from unbend.matching.measures.hausdorff import HAUSDORFF
 from unbend.matching.measures.moments import MOMENTS, SURFACE_MOMENTS
-from unbend.matching.measures.protocol import Measure, VectorMeasure
+from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
+from unbend.matching.measures.rigid import RIGID
 from unbend.matching.measures.spectrum import SPECTRUM
 from unbend.signature.signature import Signature
 
 VECTOR_MEASURES: Final[Mapping[str, VectorMeasure]] = MappingProxyType(
-    {measure.name: measure for measure in (SPECTRUM, MOMENTS, DISTRIBUTION, SURFACE_MOMENTS)}
+    {measure.name: measure for measure in (SPECTRUM, COMBINED, MOMENTS, DISTRIBUTION, SURFACE_MOMENTS)}
 )
 
-MEASURES: Final[Mapping[str, Measure]] = MappingProxyType({**VECTOR_MEASURES})
+PAIR_MEASURES: Final[Mapping[str, PairMeasure]] = MappingProxyType(
+    {measure.name: measure for measure in (RIGID, HAUSDORFF)}
+)
+
+MEASURES: Final[Mapping[str, Measure]] = MappingProxyType({**VECTOR_MEASURES, **PAIR_MEASURES})
 
 DEFAULT_MEASURE: Final = SPECTRUM.name
 
@@ -45,6 +52,11 @@ def compare(a: Signature, b: Signature, measure: str = DEFAULT_MEASURE) -> float
         If there is no such measure, or the signatures were made with different parameters.
     """
     chosen = get_measure(measure)
+    check_comparable(a, b)
+    return chosen.distance(a, b)
+
+
+def check_comparable(a: Signature, b: Signature) -> None:
+    """Raise ParameterError if two signatures were made with different parameters or versions."""
     if (a.parameters, a.version) != (b.parameters, b.version):
         raise ParameterError("signatures made with different parameters or versions cannot be compared")
-    return chosen.distance(a, b)

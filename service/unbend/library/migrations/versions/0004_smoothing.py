@@ -1,0 +1,29 @@
+"""Smoothing: what is stored so far was read without, and its policy says so, for the text is part of the key."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0004"
+down_revision = "0003"
+branch_labels = None
+depends_on = None
+
+TABLES = [sa.table(name, sa.column("policy", sa.String())) for name in ("signatures", "jobs")]
+END = ',"smooth":0}'  # of canonical JSON, which is in the order of names
+
+
+def upgrade() -> None:
+    for table in TABLES:
+        silent = ~table.c.policy.contains('"smooth":', autoescape=True)
+        op.execute(table.update().where(silent).values(policy=without_end(table, "}") + END))
+
+
+def downgrade() -> None:
+    # What was smoothed has no policy to go back to, and must not pass for another: its own stays.
+    for table in TABLES:
+        unsmoothed = table.c.policy.endswith(END, autoescape=True)
+        op.execute(table.update().where(unsmoothed).values(policy=without_end(table, END) + "}"))
+
+
+def without_end(table: sa.TableClause, end: str) -> sa.ColumnElement[str]:
+    return sa.func.substr(table.c.policy, 1, sa.func.length(table.c.policy) - len(end), type_=sa.String())

@@ -1,0 +1,5 @@
+"""An evaluation as one page of HTML."""
+
+from unbend.matching.evaluate.report.page import Report, render
+
+__all__ = ["Report", "render"]

@@ -1,0 +1,69 @@
+"""What is nearest, out of many distances: in one pass over them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Codes, Floats, Indices
+from unbend.jit import inlined, kernel
+
+_NONE: Final = -1  # the place of what is not there
+
+
+def smallest(distances: Floats, count: int | None = None) -> Indices:
+    """Return the places of the `count` (default all) smallest of `distances` (n,), the smallest first.
+
+    Equal ones come in the order of their places. What is infinite or NaN is left out.
+    """
+    if count is None or count >= len(distances):
+        order = np.argsort(distances, kind="stable")
+        return order[: np.count_nonzero(distances < np.inf)]
+    kept, places = np.full(count, np.inf), np.full(count, _NONE)
+    if count:
+        _keep_smallest(distances, kept, places)
+    return places[np.lexsort((places, kept))][: np.count_nonzero(places != _NONE)]
+
+
+def nearest_of_each_class(distances: Floats, codes: Codes, classes: int) -> Floats:
+    """Return the smallest of `distances` (n,) in each class, (classes,); infinite where a class has no members.
+
+    `codes` (n,) are the rows' classes; negative ones are in none.
+    """
+    nearest = np.full(classes, np.inf)
+    _keep_nearest(distances, codes, nearest)
+    return nearest
+
+
+@inlined
+def _worse(distance: float, place: int, other: float, other_place: int) -> bool:
+    return distance > other or (distance == other and place > other_place)
+
+
+@kernel
+def _keep_smallest(distances: Floats, kept: Floats, places: Indices) -> None:
+    """Fill a heap whose root is the worst that is kept: of equal ones, the last."""
+    size = kept.shape[0]
+    for place in range(distances.shape[0]):
+        distance = distances[place]
+        if not distance < kept[0]:
+            continue
+        hole, child = 0, 1
+        while child < size:
+            other = child + 1
+            if other < size and _worse(kept[other], places[other], kept[child], places[child]):
+                child = other
+            if not _worse(kept[child], places[child], distance, place):
+                break
+            kept[hole], places[hole] = kept[child], places[child]
+            hole, child = child, 2 * child + 1
+        kept[hole], places[hole] = distance, place
+
+
+@kernel
+def _keep_nearest(distances: Floats, codes: Codes, nearest: Floats) -> None:
+    for row in range(distances.shape[0]):
+        code = codes[row]
+        if code >= 0 and distances[row] < nearest[code]:
+            nearest[code] = distances[row]

@@ -1,0 +1,105 @@
+"""Linear discriminants: against a plain computation with whole covariances."""
+
+from __future__ import annotations
+
+import gc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from unbend.errors import ParameterError
+from unbend.matching.classification.learned import once_a_gallery
+from unbend.matching.gallery import Gallery
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def plainly(gallery, query, left_out=()):
+    """Mahalanobis distances under the covariance shrunk as Chen et al. 2010, eq. 23, have it."""
+    rows = np.setdiff1d(np.flatnonzero(gallery.codes >= 0), left_out)
+    vectors, codes = gallery.vectors[rows].astype(float), gallery.codes[rows]
+    means = {code: vectors[codes == code].mean(axis=0) for code in np.unique(codes)}
+    residuals = vectors - [means[code] for code in codes]
+    freedom, size = len(rows) - len(means), vectors.shape[1]
+    covariance = residuals.T @ residuals / freedom
+    trace, squared = np.trace(covariance), np.trace(covariance @ covariance)
+    share = ((1 - 2 / size) * squared + trace**2) / ((freedom + 1 - 2 / size) * (squared - trace**2 / size))
+    share = min(share, 1.0)
+    inverse = np.linalg.inv((1 - share) * covariance + share * trace / size * np.eye(size))
+    return {gallery.labels[code]: np.sqrt((query - mean) @ inverse @ (query - mean)) for code, mean in means.items()}
+
+
+@given(seeds, st.integers(2, 6), st.integers(2, 7), st.integers(2, 9), st.integers(0, 3))
+def test_distances_are_those_of_the_shrunk_covariance(ask, clouds, seed, classes, members, dimension, unlabelled):
+    gallery = clouds(seed, classes, members, dimension, unlabelled)
+    query = np.random.default_rng(seed).normal(size=dimension).astype(np.float32)
+    answer = ask(gallery, query, "discriminants")
+    assert {match.label: match.distance for match in answer.matches} == pytest.approx(plainly(gallery, query), rel=1e-6)
+
+
+@given(seeds, st.integers(1, 5))
+def test_a_stored_query_is_no_part_of_what_it_is_compared_with(ask, clouds, seed, count):
+    gallery = clouds(seed, classes=3, members=4, dimension=6)
+    gone = np.random.default_rng(seed).permutation(len(gallery))[:count]
+    query = gallery.vectors[gone[0]]
+    answer = ask(gallery, query, "discriminants", gone)
+    expected = plainly(gallery, query, gone)
+    assert {match.label: match.distance for match in answer.matches} == pytest.approx(expected, rel=1e-6)
+
+
+def test_where_members_are_all_alike_all_axes_are(ask):
+    gallery = Gallery.of(np.array([[0, 0], [0, 0], [3, 4], [3, 4]], np.float32), ["a", "a", "b", "b"])
+    answer = ask(gallery, [3.0, 0.0], "discriminants")
+    assert [(match.label, match.distance) for match in answer.matches] == [("a", 3.0), ("b", 4.0)]
+
+
+def test_left_out_what_alone_differed_leaves_members_all_alike(ask):
+    points = [[0.1, 0.2], [0.1, 0.2], [0.4, 7.3], [3, 4], [3, 4]]
+    gallery = Gallery.of(np.array(points, np.float32), ["a", "a", "a", "b", "b"])
+    answer = ask(gallery, [3.0, 0.0], "discriminants", [2])
+    expected = [("b", pytest.approx(4.0)), ("a", pytest.approx(np.hypot(2.9, 0.2)))]
+    assert sorted((match.label, match.distance) for match in answer.matches) == sorted(expected)
+
+
+@pytest.mark.parametrize(
+    ("labels", "left_out", "there"),
+    [
+        (["a", "a", "a"], [], "1 classes and 3 labelled"),
+        (["a", "b", None], [], "2 classes and 2 labelled"),
+        (["a", "a", "b", "b"], [0], "2 classes and 3 labelled"),
+        ([None, None], [], "0 classes and 0 labelled"),
+    ],
+)
+def test_too_few_labels_are_said_and_counted(ask, labels, left_out, there):
+    gallery = Gallery.of(np.arange(2 * len(labels), dtype=np.float32).reshape(-1, 2), labels)
+    with pytest.raises(ParameterError, match=f"at least 2 classes and 2 labelled shapes of each.*{there}"):
+        ask(gallery, [0.0, 0.0], "discriminants", left_out)
+
+
+@pytest.mark.parametrize("classifier", ["mean", "discriminants"])
+def test_a_number_that_is_not_finite_is_said(ask, clouds, classifier):
+    gallery = clouds(0)
+    gallery.vectors[3, 1] = np.nan
+    with pytest.raises(ParameterError, match=r"row 3 .*not finite"):
+        ask(gallery, np.zeros(4), classifier)
+
+
+def test_what_is_learned_is_learned_once_and_forgotten_with_the_gallery(clouds):
+    learned = []
+
+    @once_a_gallery
+    def learn(gallery):
+        learned.append(len(gallery))
+        return object()
+
+    one, other = clouds(0), clouds(1, members=2)
+    assert learn(one) is learn(one)
+    assert learn(one) is not learn(other)
+    assert learned == [18, 6]
+    del one
+    gc.collect()
+    for seed in range(50):  # whatever is put where the gallery was is another one
+        learn(clouds(seed, members=3))
+    assert learned == [18, 6] + [9] * 50

@@ -1,0 +1,45 @@
+"""The Hausdorff distance against SciPy's and by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.distance import cdist, directed_hausdorff
+
+from unbend.matching.measures.alignment import align
+from unbend.matching.measures.hausdorff import HAUSDORFF
+from unbend.matching.measures.icp import residuals
+from unbend.matching.measures.rigid import RIGID
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(3, 6))
+def test_distances_between_aligned_sets_are_scipys(seed, axes):
+    random = np.random.default_rng(seed)
+    a, b = random.normal(size=(40, axes)), random.normal(size=(60, axes))
+    there, back = residuals(np.eye(axes, axes + 1), a, b)
+    assert there.max() == pytest.approx(directed_hausdorff(a, b)[0], rel=1e-6)
+    assert back.max() == pytest.approx(directed_hausdorff(b, a)[0], rel=1e-6)
+    np.testing.assert_allclose(there, cdist(a, b).min(axis=1), rtol=1e-5)
+    np.testing.assert_allclose(back, cdist(a, b).min(axis=0), rtol=1e-5)
+
+
+def test_two_rectangles_by_hand(signature_of):
+    signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    a, b = (signature_of(signs * [np.cos(angle), np.sin(angle)]) for angle in (0.5, 0.6))
+    # corners on the unit circle: each is as far from its partner as the chord over the difference of their angles
+    assert HAUSDORFF.distance(a, b) == pytest.approx(2 * np.sin(0.05), rel=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_it_is_the_larger_mean_and_below_the_largest_distance(cloud, seed):
+    a, b = cloud(seed), cloud(seed + 1)
+    poses = [
+        [(float(np.average(d, weights=w)), float(d.max())) for d, w in zip(pose.distances, pose.weights, strict=True)]
+        for pose in align(a, b)
+    ]
+    assert HAUSDORFF.distance(a, b) == pytest.approx(min(max(mean for mean, _ in pose) for pose in poses), rel=1e-12)
+    assert HAUSDORFF.distance(a, b) <= min(max(largest for _, largest in pose) for pose in poses)
+    # a mean is no more than the root mean square, and either direction's square at most twice the mean of both
+    assert HAUSDORFF.distance(a, b) <= np.sqrt(2) * RIGID.distance(a, b) * (1 + 1e-12)

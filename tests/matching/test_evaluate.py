@@ -1,0 +1,324 @@
+"""Retrieval figures: known answers, and the definitions written out query by query as an oracle."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from unbend.errors import ParameterError
+from unbend.matching.evaluate import evaluate, leave_one_out, nearest_class_accuracy
+
+FIGURES = ("nn", "ft", "st", "e", "dcg", "map")
+
+
+def separate(labels):
+    """Distances under which each class lies by itself."""
+    places = np.arange(len(labels))
+    return np.abs(places[:, None] - places) + 1000.0 * np.not_equal.outer(labels, labels)
+
+
+def ranked_at(ranks, count):
+    """One query of class "a" whose relevant shapes come at these places of `count`."""
+    labels = ["a" if place in ranks else "b" for place in range(1, count + 1)]
+    return evaluate(np.arange(1.0, count + 1)[None], ["a"], labels)
+
+
+# --- known answers
+
+
+def test_figures_of_a_perfect_ranking_are_one():
+    labels = ["a"] * 40 + ["b"] * 40
+    figures = leave_one_out(separate(labels), labels)
+    assert (figures.nn, figures.ft, figures.st) == (1, 1, 1)
+    assert (figures.dcg, figures.map) == (pytest.approx(1), pytest.approx(1))
+    assert figures.e == pytest.approx(2 / (1 + 39 / 32))  # 32 places hold 32 of 39 members
+
+
+def test_figures_of_a_ranking_counted_by_hand():
+    # Query 0 sees b, a, c, a: its two others at ranks 2 and 4. Queries 2 and 4 see all at one distance, so in the
+    # order of the rows: a, b, c, a and a, b, a, c. The classes b and c have one member and ask nothing.
+    distances = np.full((5, 5), 9.0)
+    distances[0] = [0, 1, 2, 3, 4]
+    figures = leave_one_out(distances, ["a", "b", "a", "c", "a"])
+    gain = {1: 1.0, 2: 1.0, 3: 1 / np.log2(3), 4: 1 / np.log2(4)}
+    assert figures.nn == pytest.approx(np.mean([0, 1, 1]))
+    assert figures.ft == pytest.approx(np.mean([1 / 2, 1 / 2, 1 / 2]))
+    assert figures.st == pytest.approx(1.0)
+    assert figures.e == pytest.approx(2 / (32 / 2 + 1))
+    assert figures.dcg == pytest.approx(np.mean([gain[2] + gain[4], gain[1] + gain[4], gain[1] + gain[3]]) / 2)
+    assert figures.map == pytest.approx(np.mean([(1 / 2 + 2 / 4) / 2, (1 + 2 / 4) / 2, (1 + 2 / 3) / 2]))
+
+
+def test_precision_and_recall_of_the_example_in_the_benchmarks_documentation():
+    # psbPlot's: five others of the class, found at the places 1, 4, 10, 41 and 44
+    curve = ranked_at({1, 4, 10, 41, 44}, 60).precision_recall
+    precision = dict(zip(np.round(curve.recall, 2).tolist(), curve.precision, strict=True))
+    known = {0.2: 1.0, 0.4: 0.5, 0.6: 0.3, 0.8: 0.097561, 1.0: 0.113636}
+    assert {recall: precision[recall] for recall in known} == pytest.approx(known, abs=1e-6)
+    assert precision[0.3] == pytest.approx((1.0 + 0.5) / 2)
+    assert precision[0.65] == pytest.approx(0.75 * 0.3 + 0.25 * 4 / 41)
+    assert min(precision) == 0.2  # there is no precision below the recall of the first hit
+
+
+def test_low_recall_is_averaged_over_large_classes_only():
+    # three others of "a" know recall from 1/3 on, six of "b" from 1/6 on
+    labels = ["a"] * 4 + ["b"] * 7
+    distances = separate(labels)
+    distances[:4] = 0.0  # all of "a" see the shapes in the order of their rows
+    distances[4:] = np.arange(11.0)  # all of "b" see four of "a" first
+    curve = leave_one_curve(distances, labels)
+    assert curve.recall[0] == pytest.approx(0.2)
+    first_of_b = 1 / 5
+    second_of_b = 2 / 6
+    assert curve.precision[0] == pytest.approx(0.8 * first_of_b + 0.2 * second_of_b)
+    at_third = 0.9 * second_of_b + 0.1 * 3 / 7  # recall 0.35 of six is 2.1 members
+    assert curve.precision[3] == pytest.approx((4 * 1.0 + 7 * at_third) / 11)
+
+
+def leave_one_curve(distances, labels):
+    return evaluate(distances, labels, labels, own=np.arange(len(labels))).precision_recall
+
+
+def test_confusions_accuracy_and_wrong_answers_of_queries_against_a_gallery():
+    gallery = ["b", "a", "c"]
+    distances = np.array([[2.0, 1.0, 3.0], [0.5, 1.0, 3.0], [1.0, 2.0, 0.25], [7.0, 8.0, 9.0]])
+    found = evaluate(distances, ["a", "a", "c", "d"], gallery, unanswered=["a", "e"])
+    assert found.labels == ("a", "b", "c", "d", "e")
+    expected = np.zeros((5, 5))
+    expected[0, 0] = expected[0, 1] = expected[2, 2] = expected[3, 1] = 1  # no shape of "d" is there to be found
+    np.testing.assert_array_equal(found.confusion, expected)
+    assert found.wrong.tolist() == [1, 3]
+    assert (found.nearest.tolist(), found.nearest_distances.tolist()) == ([1, 0, 2, 0], [1.0, 0.5, 0.25, 7.0])
+    assert (found.queries, found.unanswered, found.accuracy) == (6, 2, pytest.approx(2 / 6))
+    assert found.figures is not None
+    assert found.figures.nn == pytest.approx(2 / 3)  # of "a", "a" and "c"
+    rows = {row.label: row for row in found.classes}
+    assert [(row.queries, row.members) for row in rows.values()] == [(3, 1), (1, 1), (1, 0), (1, 0)]
+    assert [row.accuracy for row in rows.values()] == [pytest.approx(1 / 3), 1.0, 0.0, 0.0]
+    assert (rows["a"].figures.nn, rows["c"].figures.nn) == (0.5, 1.0)
+    assert rows["d"].figures is rows["e"].figures is None
+
+
+def test_where_no_class_is_in_the_gallery_every_answer_is_wrong():
+    found = evaluate(np.ones((2, 1)), ["a", "b"], ["c"])
+    assert (found.figures, found.accuracy, found.precision_recall.recall) == (None, 0.0, ())
+    assert all(found.as_dict()[name] is None for name in FIGURES)
+    nothing = evaluate(np.ones((0, 1)), [], ["c"], unanswered=["c"])
+    assert (nothing.figures, nothing.accuracy, nothing.queries) == (None, 0.0, 1)
+
+
+def test_a_class_of_one_is_a_wrong_answer_when_it_is_left_out_but_asks_nothing():
+    labels = ["a", "a", "b"]
+    found = evaluate(separate(labels), labels, labels, own=np.arange(3))
+    assert found.figures is not None
+    assert found.figures.nn == 1.0
+    assert found.accuracy == pytest.approx(2 / 3)
+    assert found.confusion.tolist() == [[2, 0], [1, 0]]
+    assert (found.classes[1].members, found.classes[1].figures) == (1, None)
+
+
+def test_accuracy_counts_missing_answers_as_wrong():
+    assert nearest_class_accuracy(["a", None, "b", "b"], ["a", "a", "b", "a"]) == 0.5
+    with pytest.raises(ParameterError, match="no queries"):
+        nearest_class_accuracy([], [])
+
+
+def test_an_evaluation_is_plain_json_with_the_figures_beside_the_rest():
+    labels = ["b", "a", "a", "b", "c"]
+    found = evaluate(separate(labels), labels, labels, own=np.arange(5))
+    told = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    assert told == found.as_dict()
+    assert {name: told[name] for name in FIGURES} == vars(leave_one_out(separate(labels), labels))
+    assert told["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(FIGURES)
+    assert told["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
+    assert told["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
+
+
+# --- against the definitions
+
+
+def oracle_figures(relevant):
+    """Section 4.2 of the benchmark's paper, for one query; `relevant` says it of every place of its ranking."""
+    size = sum(relevant)
+    places = [place for place, hit in enumerate(relevant, 1) if hit]
+    precision, recall = sum(relevant[:32]) / 32, sum(relevant[:32]) / size
+    gains = [1.0 if place == 1 else 1 / np.log2(place) for place in range(1, len(relevant) + 1)]
+    return (
+        float(relevant[0]),
+        sum(relevant[:size]) / size,
+        sum(relevant[: 2 * size]) / size,
+        2 / (1 / precision + 1 / recall) if precision else 0.0,
+        sum(gains[place - 1] for place in places) / sum(gains[:size]),
+        np.mean([hits / place for hits, place in enumerate(places, 1)]),
+    )
+
+
+def oracle_precision(relevant):
+    """By level in twentieths; only those from the recall of the first hit on."""
+    places = [place for place, hit in enumerate(relevant, 1) if hit]
+    size = len(places)
+    recall = [hits / size for hits in range(1, size + 1)]
+    precision = [hits / place for hits, place in enumerate(places, 1)]
+    return {level: np.interp(level / 20, recall, precision) for level in range(1, 21) if level * size >= 20}
+
+
+def oracle(distances, queries, gallery, own):
+    figures, curves, nearest = [], [], []
+    for query, label in enumerate(queries):
+        rows = [row for row in range(len(gallery)) if own is None or row != own[query]]
+        rows.sort(key=lambda row: (distances[query, row], row))
+        nearest.append(rows[0])
+        relevant = [gallery[row] == label for row in rows]
+        if any(relevant):
+            figures.append((label, oracle_figures(relevant)))
+            curves.append(oracle_precision(relevant))
+    return figures, curves, nearest
+
+
+@st.composite
+def trials(draw):
+    """Distances (few different ones, so that many are equal), classes, and whether each query is left out."""
+    gallery = draw(st.lists(st.sampled_from("abc"), min_size=2, max_size=70))
+    rows = draw(st.lists(st.integers(0, len(gallery) - 1), min_size=1, max_size=9))
+    left_out = draw(st.booleans())
+    queries = [gallery[row] for row in rows] if left_out else draw(st.lists(st.sampled_from("abcd"), min_size=1))
+    random = np.random.default_rng(draw(st.integers(0, 1000)))
+    distances = random.integers(0, draw(st.sampled_from([1, 4, 1000])), (len(queries), len(gallery)))
+    return distances.astype(draw(st.sampled_from([np.float32, float]))), queries, gallery, rows if left_out else None
+
+
+@given(trials())
+def test_every_figure_is_the_mean_of_its_definition(trial):
+    distances, queries, gallery, own = trial
+    figures, curves, nearest = oracle(*trial)
+    given_own = None if own is None else np.array(own)
+    if own is not None and not figures:
+        with pytest.raises(ParameterError, match="two members"):
+            evaluate(distances, queries, gallery, own=given_own)
+        return
+    found = evaluate(distances, queries, gallery, own=given_own)
+    assert found.nearest.tolist() == nearest
+    right = [gallery[row] == label for row, label in zip(nearest, queries, strict=True)]
+    assert found.accuracy == pytest.approx(np.mean(right))
+    if figures:
+        assert list(vars(found.figures).values()) == pytest.approx(np.mean([row for _, row in figures], axis=0))
+    else:
+        assert found.figures is None
+    for row in found.classes:
+        own_rows = [values for label, values in figures if label == row.label]
+        told = None if row.figures is None else list(vars(row.figures).values())
+        assert told == (pytest.approx(np.mean(own_rows, axis=0)) if own_rows else None)
+        assert (row.queries, row.members) == (queries.count(row.label), gallery.count(row.label))
+    levels = [level for level in range(1, 21) if any(level in curve for curve in curves)]
+    expected = [np.mean([curve[level] for curve in curves if level in curve]) for level in levels]
+    assert found.precision_recall.recall == pytest.approx([level / 20 for level in levels])
+    assert found.precision_recall.precision == pytest.approx(expected)
+    for label, counts in zip(found.labels, found.confusion.tolist(), strict=True):
+        answers = [gallery[row] for row, asked in zip(nearest, queries, strict=True) if asked == label]
+        assert counts == [answers.count(other) for other in found.labels]
+
+
+@given(trials(), st.integers(0, 100))
+def test_figures_depend_on_the_order_of_distances_only_and_not_on_that_of_queries(trial, seed):
+    distances, queries, gallery, _ = trial
+    order = np.random.default_rng(seed).permutation(len(queries))
+    one = evaluate(distances, queries, gallery)
+    other = evaluate(7.0 + distances[order] ** 3, [queries[row] for row in order], gallery)
+    assert other.nearest.tolist() == one.nearest[order].tolist()
+    assert other.as_dict() == approximately(one.as_dict())
+
+
+def approximately(value):
+    if isinstance(value, dict):
+        return {name: approximately(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [approximately(part) for part in value]
+    return pytest.approx(value) if isinstance(value, float) else value
+
+
+def test_parts_of_many_queries_average_to_the_whole():
+    # One class has so many members that its rows are ranked in several blocks, and other ones for each part.
+    random = np.random.default_rng(5)
+    labels = ["a"] * 1700 + ["b"] * 100
+    points = random.normal(size=(1800, 2)) + np.repeat([[0.0], [0.5]], [1700, 100], axis=0)
+    distances = np.linalg.norm(points[:, None] - points, axis=2)
+    rows = np.arange(1800)
+    whole = evaluate(distances, labels, labels, own=rows)
+    parts = [evaluate(distances[part], labels_of(part), labels, own=part) for part in np.split(rows, [37, 1111])]
+    for name in FIGURES:
+        mean = np.average([getattr(part.figures, name) for part in parts], weights=[37, 1074, 689])
+        assert getattr(whole.figures, name) == pytest.approx(mean)
+    assert sum(part.confusion for part in parts).tolist() == whole.confusion.tolist()
+
+
+def labels_of(rows):
+    return ["a" if row < 1700 else "b" for row in rows]
+
+
+def test_the_distance_of_a_query_to_itself_is_not_looked_at():
+    labels = ["a", "a", "b", "b"]
+    distances = separate(labels)
+    expected = leave_one_out(distances, labels)
+    for other in (np.nan, -np.inf, np.inf, 0.5):
+        np.fill_diagonal(distances, other)
+        assert leave_one_out(distances, labels) == expected
+
+
+def test_queries_of_a_class_are_ranked_together():
+    # 480 shapes in 30 classes, as SHREC'11 has them. A loop over queries takes about as long as one after the other.
+    labels = [f"class {row % 30}" for row in range(480)]
+    points = np.random.default_rng(0).normal(size=(480, 5))
+    distances = np.linalg.norm(points[:, None] - points, axis=2)
+
+    def seconds(rows) -> float:
+        start = time.perf_counter()
+        evaluate(distances[rows], [labels[row] for row in rows], labels, own=rows)
+        return time.perf_counter() - start
+
+    together = min(seconds(np.arange(480)) for _ in range(20))
+    alone = min(seconds(np.array([row])) for row in range(100))
+    assert together < 480 * alone / 3
+
+
+# --- what is refused
+
+
+def test_evaluation_needs_a_class_of_two_and_matching_labels():
+    with pytest.raises(ParameterError, match="two members"):
+        leave_one_out(np.zeros((2, 2)), ["a", "b"])
+    with pytest.raises(ParameterError, match="two members"):
+        leave_one_out(np.empty((0, 0)), [])
+    with pytest.raises(ParameterError, match="3 labels"):
+        leave_one_out(np.zeros((2, 2)), ["a", "b", "c"])
+    with pytest.raises(ParameterError, match="2 labels of the gallery"):
+        evaluate(np.zeros((1, 3)), ["a"], ["a", "b"])
+
+
+def test_evaluation_needs_queries_and_a_gallery():
+    with pytest.raises(ParameterError, match="gallery is empty"):
+        evaluate(np.empty((1, 0)), ["a"], [])
+    with pytest.raises(ParameterError, match="no queries"):
+        evaluate(np.empty((0, 1)), [], ["a"])
+
+
+def test_a_distance_that_is_not_a_number_is_refused_and_its_query_named():
+    distances = separate(["a", "a", "b"])
+    distances[1, 2] = np.nan
+    with pytest.raises(ParameterError, match="query 1 is not a number"):
+        leave_one_out(distances, ["a", "a", "b"])
+
+
+@pytest.mark.parametrize("own", [[0], [0, 3], [-1, 1], [[0, 1]]], ids=["too few", "too large", "negative", "shape"])
+def test_a_query_that_is_left_out_must_be_in_the_gallery(own):
+    with pytest.raises(ParameterError, match=r"own must be a row of the gallery \(0 to 2\)"):
+        evaluate(np.zeros((2, 3)), ["a", "a"], ["a", "a", "b"], own=np.array(own))
+
+
+def test_a_query_that_is_left_out_must_be_of_one_class():
+    with pytest.raises(ParameterError, match="query 1 is of another class"):
+        evaluate(np.zeros((2, 3)), ["a", "a"], ["a", "a", "b"], own=np.array([0, 2]))

@@ -10,8 +10,8 @@ import pytest
 from unbend import Parameters, compute_signature
 from unbend.errors import ParameterError
 from unbend.matching.measures import MEASURES
-from unbend.matching.ranking import rank_shapes
 from unbend.matching.rerank import SHORTLIST, rerank
+from unbend.matching.selection import smallest
 from unbend.mesh.shapes import cylinder, ellipsoid, sheet, sphere, spiral, torus
 
 RIGID, HAUSDORFF = MEASURES["rigid"], MEASURES["hausdorff"]
@@ -33,7 +33,7 @@ def test_distances_are_those_of_the_measure_whatever_the_threads(measure, thread
 
 def test_the_bent_ones_come_first():
     query, *candidates = signatures()
-    assert set(rank_shapes(rerank(query, candidates, RIGID), 2).tolist()) == {2, 4}
+    assert set(smallest(rerank(query, candidates, RIGID), 2).tolist()) == {2, 4}
 
 
 def test_a_query_among_its_candidates_is_at_no_distance():

@@ -17,8 +17,8 @@ from unbend.library.payload import unpack_signature
 from unbend.library.records import ShapeMatch
 from unbend.matching.classification import ClassMatch, classify, get_classifier
 from unbend.matching.measures import DEFAULT_MEASURE, PairMeasure, VectorMeasure, get_measure, get_vector_measure
-from unbend.matching.ranking import rank_shapes
 from unbend.matching.rerank import SHORTLIST, rerank
+from unbend.matching.selection import smallest
 from unbend.signature.signature import Signature
 
 MOST_PAIRS: Final = 100
@@ -97,7 +97,7 @@ def rank(store: Store, index: VectorIndex, query: Signature | str, asked: Questi
         if not len(held):
             return Ranking(asked.name, [], [], None)
         distances = held.distances(vector, asked.measure)
-        nearest = rank_shapes(distances, asked.k if asked.pairs is None else max(asked.k, SHORTLIST))
+        nearest = smallest(distances, asked.k if asked.pairs is None else max(asked.k, SHORTLIST))
         matches = rows.get_matches(connection, held.seqs[nearest].tolist(), distances[nearest].tolist())
         if asked.pairs is not None:
             matches = _reordered(connection, query, matches, asked.pairs)[: asked.k]

@@ -35,7 +35,7 @@ def rerank(
     Returns
     -------
     (c,) float64
-        In the order of the candidates; `rank_shapes` tells the new one.
+        In the order of the candidates; `smallest` tells the new one.
 
     Raises
     ------

@@ -27,8 +27,8 @@ def is_known(query: Query, code: int, slack: float) -> bool | None:
     Notes
     -----
     Taken literally, no farther than the farthest that a member is from the others, one query in n + 1 of a class
-    of n members is refused (it is a conformal prediction, Vovk et al. 2005), and one wide member lets anything in.
-    The same for any class rather than the best lets in nearly everything where one class is wide.
+    of n members is refused (it is a conformal prediction, Vovk et al. 2005), and one outlying member widens the class
+    for all. Near enough to any class, rather than the best, is nearly everything where one class is wide.
     `benchmarks/classification.py` measured how often a query of a class is refused and one of no class is let in,
     chose on half of the classes, by the least sum of both, and reports on the others.
     """

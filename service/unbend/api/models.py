@@ -25,7 +25,7 @@ class Shape(BaseModel):
     size: int = Field(description="Bytes of that file.", examples=[20480])
     parameters: dict[str, Any] = Field(description="What the signature was computed with.")
     policy: dict[str, Any] = Field(
-        description="How the file was read.", examples=[{"components": "largest", "max_vertices": None}]
+        description="How the file was read.", examples=[{"components": "largest", "max_vertices": None, "smooth": 0}]
     )
     version: str = Field(description="Of the algorithm; signatures of different versions are not compared.")
     area: float = Field(description="Of the surface, in squared units of the file.")
@@ -210,7 +210,7 @@ class EvaluationResult(BaseModel):
     queries: int = Field(description="Shapes asked; of a very large library, evenly chosen ones.")
     unanswered: int
     classes: list[ClassFigures]
-    confusion: Confusion
+    confusion: Confusion | None = Field(description="Null for more than 1000 classes.")
     precision_recall: PrecisionRecall
 
 

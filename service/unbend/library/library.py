@@ -12,7 +12,7 @@ from unbend.library import shapes as rows
 from unbend.library.engine import Store
 from unbend.library.index import IndexKey, VectorIndex
 from unbend.library.key import UploadKey
-from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, map_of
+from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, map_of, select
 from unbend.library.payload import unpack_signature
 from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
@@ -264,7 +264,8 @@ class Library:
         chosen, shown = get_vector_measure(measure), Shown(dimensions, limit)
         with self.store.read() as connection:
             held, original = (self._index.get(connection, _key(each, parameters)) for each in (chosen, SURFACE_MOMENTS))
-            return map_of(connection, held, original, chosen, shown)
+            selection = select(connection, held, original, shown.limit)
+        return map_of(selection, chosen, shown.dimensions)
 
 
 def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:

@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 from sqlalchemy import Connection
 
-from unbend.arrays import Indices
+from unbend.arrays import Indices, Singles
 from unbend.errors import ParameterError
+from unbend.library.records import ShapeMatch
 from unbend.library.shapes import get_matches
 from unbend.library.table import Held
 from unbend.matching.class_map import class_map
@@ -32,7 +33,6 @@ class Shown:
 
     dimensions: int = 2
     limit: int = MAP_LIMIT
-    """Of more shapes, evenly chosen ones over the order of adding."""
 
     def __post_init__(self) -> None:
         for name in ("dimensions", "limit"):
@@ -71,19 +71,35 @@ class ShapeMap:
         return asdict(self)
 
 
-def map_of(connection: Connection, held: Held, original: Held, measure: VectorMeasure, shown: Shown) -> ShapeMap:
-    """Place the shapes that are in both `held`, under `measure`, and `original`."""
+@dataclass(frozen=True)
+class Selection:
+    """The shapes of a map, and what it is made of."""
+
+    vectors: Singles
+    originals: Singles
+    names: Sequence[ShapeMatch]
+    count: int
+    """Shapes that could have been chosen."""
+
+
+def select(connection: Connection, held: Held, original: Held, limit: int) -> Selection:
+    """Choose at most `limit` of the shapes that are in both, evenly over the order of adding."""
     seqs = np.intersect1d(_present(held), _present(original), assume_unique=True)
-    rows, beside = np.searchsorted(held.seqs, seqs), np.searchsorted(original.seqs, seqs)
-    chosen = np.linspace(0, len(seqs) - 1, min(shown.limit, len(seqs))).astype(np.int64)
-    found = class_map(held.gallery.vectors[rows[chosen]], measure, shown.dimensions)
-    others = class_map(original.gallery.vectors[beside[chosen]], SURFACE_MOMENTS, shown.dimensions)
-    names = get_matches(connection, seqs[chosen].tolist(), [0.0] * len(chosen))
+    chosen = seqs[np.linspace(0, len(seqs) - 1, min(limit, len(seqs))).astype(np.int64)]
+    vectors, originals = (of.gallery.vectors[np.searchsorted(of.seqs, chosen)] for of in (held, original))
+    names = get_matches(connection, chosen.tolist(), [0.0] * len(chosen))
+    return Selection(vectors, originals, names, len(seqs))
+
+
+def map_of(selection: Selection, measure: VectorMeasure, dimensions: int) -> ShapeMap:
+    """Place shapes under `measure`, and beside that as they stand."""
+    found = class_map(selection.vectors, measure, dimensions)
+    others = class_map(selection.originals, SURFACE_MOMENTS, dimensions)
     items = [
         MapItem(match.id, match.name, match.label, point, other)
-        for match, point, other in zip(names, found.points.tolist(), others.points.tolist(), strict=True)
+        for match, point, other in zip(selection.names, found.points.tolist(), others.points.tolist(), strict=True)
     ]
-    return ShapeMap(measure.name, found.stress, others.stress, len(seqs), items)
+    return ShapeMap(measure.name, found.stress, others.stress, selection.count, items)
 
 
 def _present(held: Held) -> Indices:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from unbend.errors import ParameterError
 from unbend.matching.evaluate.curves import PrecisionRecall
 from unbend.matching.evaluate.figures import RetrievalFigures
 from unbend.matching.evaluate.scores import Scores, score
+
+_MOST_CONFUSED: Final = 1000
+"""Classes whose confusions are told: there are as many numbers as the square of that."""
 
 
 @dataclass(frozen=True)
@@ -74,18 +77,23 @@ class Evaluation:
         return np.flatnonzero(self.query_classes != self.nearest_classes)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values; the figures stand beside the rest."""
+        """Return plain JSON values; the figures stand beside the rest. No confusion of more than 1000 classes."""
         return _figures_as_dict(self.figures) | {
             "accuracy": self.accuracy,
             "queries": self.queries,
             "unanswered": self.unanswered,
             "classes": [row.as_dict() for row in self.classes],
-            "confusion": {"labels": list(self.labels), "counts": self.confusion.tolist()},
+            "confusion": self._confusion_as_dict(),
             "precision_recall": {
                 "recall": list(self.precision_recall.recall),
                 "precision": list(self.precision_recall.precision),
             },
         }
+
+    def _confusion_as_dict(self) -> dict[str, Any] | None:
+        if len(self.labels) > _MOST_CONFUSED:
+            return None
+        return {"labels": list(self.labels), "counts": self.confusion.tolist()}
 
 
 def evaluate(

@@ -232,7 +232,7 @@ def test_the_map_places_every_shape(http, ids):
 def test_the_evaluation_has_figures_and_confusion(server, http, ids):
     told = http.get("/v1/evaluation", params={"measure": "spectrum", "parameters": FEW}).json()
     with Library(str(server.library)) as library:
-        assert told == {"measure": "spectrum"} | library.evaluate(parameters=Parameters(**OWN)).as_dict()
+        assert told == {"measure": "spectrum"} | library.evaluation(parameters=Parameters(**OWN)).as_dict()
     assert told["nn"] == 1.0
     assert set(told["confusion"]["labels"]) >= {"sphere", "torus"}
 

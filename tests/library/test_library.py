@@ -344,15 +344,16 @@ def test_an_unknown_measure_is_refused(filled):
 
 
 def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
-    told = filled[0].evaluate(parameters=FEW)
-    assert (told.figures.nn, told.figures.ft, told.figures.map) == (1.0, 1.0, 1.0)
+    figures, told = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
+    assert figures == told.figures
+    assert (figures.nn, figures.ft, figures.map) == (1.0, 1.0, 1.0)
     assert (told.queries, told.labels) == (5, ("sheet", "sphere"))
     assert told.confusion.tolist() == [[3, 0], [0, 2]]
 
 
 def test_a_large_library_asks_some_of_all(filled, monkeypatch):
     monkeypatch.setattr(overview, "_PAIRS", 15)
-    told = filled[0].evaluate(parameters=FEW)
+    told = filled[0].evaluation(parameters=FEW)
     assert (told.queries, told.figures.nn) == (3, 1.0)
 
 

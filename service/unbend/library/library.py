@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from unbend.errors import ParameterError
 from unbend.library import shapes as rows
@@ -18,7 +18,7 @@ from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.values import MAX_TEXT, check_changes
 from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
-from unbend.matching.evaluate import Evaluation
+from unbend.matching.evaluate import Evaluation, RetrievalFigures
 from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
 from unbend.matching.measures.moments import SURFACE_MOMENTS
 from unbend.mesh.policy import MeshPolicy
@@ -222,8 +222,12 @@ class Library:
         """Return the classes, the most likely first, as `rank` finds them."""
         return self.rank(query, measure=measure, classifier=classifier, k=1).classes
 
-    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> Evaluation:
-        """Ask the labelled shapes made with `parameters` of each other, and return retrieval figures.
+    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> RetrievalFigures:
+        """Return the figures of `evaluation`, which is asked with the same."""
+        return cast("RetrievalFigures", self.evaluation(measure, parameters=parameters).figures)
+
+    def evaluation(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> Evaluation:
+        """Ask the labelled shapes made with `parameters` of each other: figures, per class too, and confusions.
 
         Of a very large library some shapes, evenly chosen, are asked of all others.
 

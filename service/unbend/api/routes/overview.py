@@ -50,5 +50,5 @@ def get_evaluation(
 ) -> EvaluationResult:
     """Ask every labelled shape of all others, and say how often and how early they find their class."""
     chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = service.library.evaluate(measure, parameters=chosen)
+    found = service.library.evaluation(measure, parameters=chosen)
     return EvaluationResult.model_validate({"measure": measure, **found.as_dict()})

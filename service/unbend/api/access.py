@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Final, Literal, cast
 
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -108,7 +108,7 @@ class Access:
 
     async def _caller(self, scope: Scope, headers: Headers) -> Caller:
         service = cast("Service", scope["app"].state.service)
-        key, closed = await asyncio.to_thread(_look_up, service.library.store, _token(headers.get("authorization")))
+        key, closed = await run_in_threadpool(_look_up, service.library.store, _token(headers.get("authorization")))
         client, _ = scope.get("client") or ("", None)
         return Caller(key, closed or not (self._settings.open or _is_local(scope, headers)), client)
 
@@ -137,4 +137,5 @@ def _token(given: str | None) -> str | None:
 
 def _look_up(store: Store, token: str | None) -> tuple[KeyRecord | None, bool]:
     with store.read() as connection:
-        return (find_key(connection, token) if token else None), has_keys(connection)
+        key = find_key(connection, token) if token else None
+        return key, key is not None or has_keys(connection)

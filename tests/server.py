@@ -90,7 +90,9 @@ def without_settings(**settings: str) -> dict[str, str]:
 class Server:
     """`unbend serve` on a free port of this machine, ready when made."""
 
-    def __init__(self, folder: Path, *, workers: int = 2, ready: bool = True, **settings: object) -> None:
+    def __init__(
+        self, folder: Path, *, workers: int = 2, ready: bool = True, host: str = "127.0.0.1", **settings: object
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.library = folder / "library.db"
         self.log = folder / "server.log"
@@ -99,7 +101,18 @@ class Server:
         environment = without_settings(
             TMPDIR=str(temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
         )
-        command = [sys.executable, "-m", "unbend", "serve", "--port", "0", "--library", str(self.library)]
+        command = [
+            sys.executable,
+            "-m",
+            "unbend",
+            "serve",
+            "--port",
+            "0",
+            "--host",
+            host,
+            "--library",
+            str(self.library),
+        ]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 [*command, "--workers", str(workers)], stderr=log, stdout=log, env=environment, cwd=folder

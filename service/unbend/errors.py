@@ -14,6 +14,13 @@
     │   ├── JobMemoryError        it asked for more memory than allowed
     │   ├── JobCancelledError     somebody cancelled it
     │   └── WorkerLostError       its process died
+    ├── AccessError               the caller may not do this
+    │   ├── KeyRequiredError      no API key came with the call
+    │   ├── KeyInvalidError       what came is no live key of this library
+    │   ├── ScopeError            the key may only read
+    │   ├── OriginError           another web site's page sent it
+    │   └── ExposedError          others could reach the service, and nothing asks them for a key
+    ├── RateLimitError            too many calls in a minute
     ├── UploadTooLargeError       more bytes than the service takes
     ├── QueueFullError            too many jobs wait already
     └── ServiceError              the service answered with a problem, or not at all
@@ -121,6 +128,58 @@ class WorkerLostError(JobError):
 
     code = "worker_lost"
     advice = "The mesh may need more memory than the machine has; if it is small, please report it."
+
+
+class AccessError(UnbendError):
+    """The caller may not do this."""
+
+    code = "access"
+
+
+class KeyRequiredError(AccessError):
+    """The call needs an API key, and none came with it."""
+
+    code = "key_required"
+    advice = "Send the header Authorization: Bearer KEY; `unbend keys create` makes keys."
+
+
+class KeyInvalidError(AccessError):
+    """What came with the call is no live key of this library. It is not said why, so that nothing can be probed."""
+
+    code = "key_invalid"
+    advice = "Check the header Authorization: Bearer KEY; the key may have been revoked, or be another library's."
+
+
+class ScopeError(AccessError):
+    """The key may read, and the call writes."""
+
+    code = "scope_insufficient"
+    advice = "Use a key made with `unbend keys create --scope write`."
+
+
+class OriginError(AccessError):
+    """A page of another web site sent a write to a service that asks for no key."""
+
+    code = "origin_refused"
+    advice = "Name the site in UNBEND_CORS_ORIGINS if it may write, or have the service ask for keys."
+
+
+class ExposedError(AccessError):
+    """The service would be reached by others, and nothing would ask them for a key."""
+
+    code = "exposed"
+    advice = "Make a key with `unbend keys create`, or say --open if others may read and write."
+
+
+class RateLimitError(UnbendError):
+    """More calls in a minute than the service takes; try again after `retry_after` seconds."""
+
+    code = "rate_limited"
+    advice = "Wait as long as Retry-After says and send the request again."
+
+    def __init__(self, message: str, retry_after: int = 1) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
 
 
 class UploadTooLargeError(UnbendError):

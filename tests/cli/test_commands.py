@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from server import DAMAGED, SAMPLES, endless_mesh, ply, two_rings, without_settings
+from server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import evaluate, leave_one_out
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
-COMMANDS = {"serve", "signature", "flatten", "compare", "import", "query", "evaluate", "openapi", "demo"}
+COMMANDS = {"serve", "signature", "flatten", "compare", "import", "query", "evaluate", "keys", "openapi", "demo"}
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}
 MEMBERS = {
@@ -498,6 +498,68 @@ def test_a_server_whose_library_cannot_be_opened_ends_with_a_sentence(tmp_path):
     assert done.returncode not in {0, None}
     assert "cannot be opened" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("UNBEND_OPEN", "perhaps"), ("UNBEND_CORS_ORIGINS", "https://a.example/path"), ("UNBEND_CORS_ORIGINS", "a")],
+)
+def test_a_setting_of_access_that_is_wrong_is_named(name, value):
+    done = called("serve", "--port", 0, **{name: value})
+    assert done.returncode == 1
+    assert name in done.stderr
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", ""])  # noqa: S104
+def test_a_library_without_keys_is_not_served_to_others_unless_told(tmp_path, host):
+    done = called("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
+    assert done.returncode == 1
+    assert "the library has no keys" in done.stderr
+    assert "unbend keys create" in done.stderr
+
+
+def test_a_key_is_shown_once_then_listed_and_revoked(tmp_path):
+    library = ("--library", tmp_path / "a.db")
+    assert "no keys" in succeeded("keys", "list", *library, run=called).stdout
+    done = succeeded("keys", "create", "scanner", "--scope", "write", *library, run=called)
+    (text,) = done.stdout.split()
+    prefix, key_id, secret = text.split("_", 2)
+    assert prefix == "unbend"
+    assert secret not in done.stderr
+    (told,) = json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"]
+    assert (told["id"], told["name"], told["scope"], told["revoked_at"]) == (key_id, "scanner", "write", None)
+    assert set(told) == {"id", "name", "scope", "created_at", "revoked_at"}
+    assert "scanner" in succeeded("keys", "revoke", key_id, *library, run=called).stdout
+    table = succeeded("keys", "list", *library, run=called).stdout
+    assert key_id in table
+    assert secret not in table
+    assert json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"][0]["revoked_at"]
+    failed_with_a_sentence(called("keys", "revoke", "nobody", *library), "no key nobody")
+    failed_with_a_sentence(called("keys", "create", "", *library), "name")
+
+
+def test_a_key_reads_by_default_and_the_library_can_be_named_by_the_environment(tmp_path):
+    named = {"UNBEND_LIBRARY": str(tmp_path / "a.db")}
+    succeeded("keys", "create", "x", run=called, **named)
+    (told,) = json.loads(succeeded("keys", "list", "--json", run=called, **named).stdout)["keys"]
+    assert told["scope"] == "read"
+
+
+def test_commands_over_http_send_the_key_of_the_environment(folder, tmp_path):
+    library = ("--library", tmp_path / "library.db")
+    reader, writer = (
+        succeeded("keys", "create", scope, "--scope", scope, *library, run=called).stdout.strip()
+        for scope in ("read", "write")
+    )
+    options = ["--samples", 40]
+    with Server(tmp_path, workers=1) as running:
+        imports = ("import", folder / "sheets", "--url", running.url, *options)
+        failed_with_a_sentence(called(*imports), "needs an API key")
+        failed_with_a_sentence(called(*imports, UNBEND_API_KEY="unbend_x_y"), "no key of this library")
+        failed_with_a_sentence(called(*imports, UNBEND_API_KEY=reader), "may only read")
+        assert "3 of 3" in succeeded(*imports, run=called, UNBEND_API_KEY=writer).stdout
+        query = ("query", folder / "sheets/flat.ply", "--url", running.url, "--json", *options)
+        assert json.loads(succeeded(*query, run=called, UNBEND_API_KEY=reader).stdout)["shapes"]
 
 
 def test_the_openapi_document_is_printed_and_written(tmp_path):

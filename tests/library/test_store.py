@@ -21,6 +21,7 @@ from unbend import Library, MeshPolicy, Parameters, Signature, compute_signature
 from unbend.errors import ParameterError, StoreError, StoreVersionError
 from unbend.jobs import JobRunner, Upload
 from unbend.library import engine
+from unbend.library.keys import create_key, find_key, has_keys, list_keys
 from unbend.library.payload import pack_signature, pack_vector
 from unbend.library.schema import metadata
 
@@ -175,6 +176,27 @@ def test_policies_that_said_nothing_of_smoothing_stay_the_keys_of_what_was_read_
     with Library(str(path)) as library:
         assert [library.add(small_mesh(0), parameters=FEW, policy=policy) for policy in policies] == records
         assert len(library) == len(records)
+
+
+def test_a_library_from_before_keys_has_none_and_can_have_some(tmp_path):
+    path = tmp_path / "a.db"
+    with Library(str(path)) as library:
+        record = library.add(small_mesh(0), parameters=FEW)
+        with library.store.write() as connection:
+            create_key(connection, "lost on the way back", "write")
+    made = create_engine(f"sqlite:///{path}")
+    with made.begin() as connection:
+        migrate(connection, command.downgrade, "0004")
+        assert "api_keys" not in inspect(connection).get_table_names()
+    made.dispose()
+    with Library(str(path)) as library:
+        assert library.page().items == [record]
+        with library.store.write() as connection:
+            check_schema(connection)
+            assert list_keys(connection) == []
+            assert not has_keys(connection)
+            made_now, text = create_key(connection, "new", "read")
+            assert find_key(connection, text) == made_now
 
 
 def test_foreign_keys_are_watched_once_the_migration_is_done(tmp_path):

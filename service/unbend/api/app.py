@@ -8,9 +8,13 @@ from contextlib import asynccontextmanager
 from fastapi import APIRouter, FastAPI
 from fastapi.responses import RedirectResponse
 from fastapi_offline import FastAPIOffline
+from starlette.middleware.cors import CORSMiddleware
 
 from unbend import __version__
 from unbend.api import problems
+from unbend.api.access import Access
+from unbend.api.audit import Audit
+from unbend.api.headers import SecurityHeaders
 from unbend.api.limits import BodyLimit
 from unbend.api.openapi import install_schema
 from unbend.api.routes import health, jobs, overview, queries, shapes
@@ -54,10 +58,26 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         api.include_router(room.router)
     app.include_router(api)
     app.add_api_route("/", _to_docs, include_in_schema=False)
-    app.add_middleware(BodyLimit, limit=chosen.max_upload_mb * 2**20)
+    _add_middleware(app, chosen)
     problems.install(app)
     install_schema(app)
     return app
+
+
+def _add_middleware(app: FastAPI, settings: Settings) -> None:
+    """Put the layers on, the innermost first: who may not call has no byte of a body read."""
+    app.add_middleware(BodyLimit, limit=settings.max_upload_mb * 2**20)
+    app.add_middleware(Access, settings=settings)
+    if settings.origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=settings.origins,
+            allow_methods=["GET", "POST", "PATCH", "DELETE"],
+            allow_headers=["Authorization", "Content-Type", "Prefer"],
+            expose_headers=["Content-Disposition", "Location", "Retry-After", "WWW-Authenticate"],
+        )
+    app.add_middleware(Audit)
+    app.add_middleware(SecurityHeaders)
 
 
 async def _to_docs() -> RedirectResponse:

@@ -45,6 +45,5 @@ def file_response(data: bytes, file_type: str, name: str) -> Response:
     headers = {
         "Content-Disposition": f'attachment; filename="{plain}.{file_type}"; '
         f"filename*=UTF-8''{quote(name, safe='')}.{file_type}",
-        "X-Content-Type-Options": "nosniff",
     }
     return Response(data, media_type=MEDIA_TYPES[file_type], headers=headers)

@@ -6,7 +6,14 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from unbend.api.problems import MEDIA_TYPE, Problem
+from unbend.api.access import is_guarded, scope_of
+from unbend.api.problems import MEDIA_TYPE, Problem, problem_responses
+
+_KEY = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": "A key made by `unbend keys create`. None is needed while the library has none and is open.",
+}
 
 
 def install_schema(app: FastAPI) -> None:
@@ -15,10 +22,22 @@ def install_schema(app: FastAPI) -> None:
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _with_problems(generate())
+            app.openapi_schema = _with_problems(_with_keys(generate()))
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _with_keys(document: dict[str, Any]) -> dict[str, Any]:
+    document["components"]["securitySchemes"] = {"key": _KEY}
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            if is_guarded(path):
+                scope = scope_of(method.upper(), path)
+                operation["security"] = [{"key": [scope]}, {}]  # {}: or none, where the service is open
+                for status, answer in problem_responses(401, *([403] if scope == "write" else []), 429).items():
+                    operation["responses"].setdefault(str(status), answer)
+    return document
 
 
 def _with_problems(document: dict[str, Any]) -> dict[str, Any]:

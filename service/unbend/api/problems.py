@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from unbend import errors
+from unbend.api.headers import headers_for
 
 logger = logging.getLogger("unbend.api")
 
@@ -23,6 +24,10 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.MeshError: 422,
     errors.ParameterError: 422,
     errors.NotFoundError: 404,
+    errors.AccessError: 403,
+    errors.KeyRequiredError: 401,
+    errors.KeyInvalidError: 401,
+    errors.RateLimitError: 429,
     errors.UploadTooLargeError: 413,
     errors.QueueFullError: 429,
     errors.JobTimeoutError: 504,
@@ -33,6 +38,14 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.UnbendError: 500,
 }
 """Status of each error; the nearest base class that stands here decides."""
+
+
+CHALLENGES: Final[dict[type[errors.UnbendError], str]] = {
+    errors.KeyRequiredError: 'Bearer realm="unbend"',
+    errors.KeyInvalidError: 'Bearer realm="unbend", error="invalid_token"',
+    errors.ScopeError: 'Bearer realm="unbend", error="insufficient_scope", scope="write"',
+}
+"""What WWW-Authenticate says with these errors (RFC 6750, section 3)."""
 
 
 class FieldProblem(BaseModel):
@@ -75,6 +88,20 @@ def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONRespo
     return JSONResponse(content, problem.status, headers, media_type=MEDIA_TYPE)
 
 
+def respond(error: errors.UnbendError) -> JSONResponse:
+    """Return an error of our tree as a response."""
+    status = status_of(error)
+    problem = Problem(title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice)
+    return answer(problem, _headers(error))
+
+
+def _headers(error: errors.UnbendError) -> dict[str, str] | None:
+    if isinstance(error, errors.QueueFullError | errors.RateLimitError):
+        return {"Retry-After": str(error.retry_after)}
+    challenge = CHALLENGES.get(type(error))
+    return {"WWW-Authenticate": challenge} if challenge else None
+
+
 def install(app: FastAPI) -> None:
     """Have `app` answer every error as a problem document."""
     app.add_exception_handler(errors.UnbendError, _on_known)
@@ -86,10 +113,7 @@ def install(app: FastAPI) -> None:
 async def _on_known(_request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, errors.UnbendError):
         raise error
-    status = status_of(error)
-    headers = {"Retry-After": str(error.retry_after)} if isinstance(error, errors.QueueFullError) else None
-    problem = Problem(title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice)
-    return answer(problem, headers)
+    return respond(error)
 
 
 async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
@@ -114,9 +138,10 @@ async def _on_http(_request: Request, error: Exception) -> JSONResponse:
     return answer(problem, dict(error.headers or {}))
 
 
-async def _on_unexpected(_request: Request, error: Exception) -> JSONResponse:
+async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
     logger.error("a request failed with an unexpected error", exc_info=error)
-    return answer(Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error"))
+    problem = Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error")
+    return answer(problem, headers_for(request.url.path))  # sent from outside the middleware that adds them elsewhere
 
 
 def _title(status: int) -> str:

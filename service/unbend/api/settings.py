@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+import re
+from typing import Final
+
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from unbend.jobs import JobLimits
 from unbend.threads import available_cores
+
+_ORIGIN: Final = re.compile(r"https?://[^\s/?#@*]+")
 
 
 class Settings(BaseSettings):
@@ -24,6 +29,23 @@ class Settings(BaseSettings):
     job_memory_mb: int = Field(8192, ge=1024, description="Megabytes of address space that a worker may use.")
     drain_seconds: float = Field(20.0, ge=0, description="Seconds that running jobs are given when the server stops.")
 
+    open: bool = Field(False, description="Serve callers without a key at any address while there are no keys.")
+    requests_per_minute: int = Field(0, ge=0, description="Calls of one key, or address without; 0 for no limit.")
+    cors_origins: str = Field("", description="Web sites whose pages may call: origins, with commas between them.")
+
+    @field_validator("cors_origins")
+    @classmethod
+    def _check_origins(cls, value: str) -> str:
+        for origin in _listed(value):
+            if origin != "*" and not _ORIGIN.fullmatch(origin):
+                raise ValueError(f"{origin!r} is not an origin such as https://example.org")
+        return value
+
+    @property
+    def origins(self) -> list[str]:
+        """The origins among the settings."""
+        return _listed(self.cors_origins)
+
     @property
     def limits(self) -> JobLimits:
         """The limits of jobs among the settings."""
@@ -33,3 +55,7 @@ class Settings(BaseSettings):
             queued=self.max_queued,
             drain_seconds=self.drain_seconds,
         )
+
+
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from unbend.cli.connect import connect
 from unbend.cli.folder import LabelledFile, find_meshes, read_labels
 from unbend.cli.options import (
     Values,
@@ -83,9 +84,7 @@ def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, p
 
 
 def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[str]:
-    from unbend.client import Client  # noqa: PLC0415
-
-    with Client(url) as client:
+    with connect(url) as client:
         waiting: deque[tuple[LabelledFile, Job]] = deque()
         for file in files:
             try:
@@ -102,9 +101,9 @@ def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, poli
 
 
 def _is_hopeless(error: Exception) -> bool:
-    """Whether no other file will fare better: nobody is there, or the options are refused."""
+    """Whether no other file will fare better: nobody is there, we may not write, or the options are refused."""
     return isinstance(error, ServiceError) and (
-        error.status is None or error.problem.get("code") == ParameterError.code
+        error.status in {None, 401, 403} or error.problem.get("code") == ParameterError.code
     )
 
 

@@ -14,6 +14,7 @@ from unbend.cli.demo import demo
 from unbend.cli.evaluate import evaluate
 from unbend.cli.flatten import flatten
 from unbend.cli.importing import import_folder
+from unbend.cli.keys import keys
 from unbend.cli.openapi import openapi
 from unbend.cli.query import query
 from unbend.cli.serve import serve
@@ -50,5 +51,5 @@ def main() -> None:
     """Recognise shapes however they bend."""
 
 
-for command in (serve, signature, flatten, compare, import_folder, query, evaluate, openapi, demo):
+for command in (serve, signature, flatten, compare, import_folder, query, evaluate, keys, openapi, demo):
     main.add_command(command)

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from unbend.cli.computing import compute_file
+from unbend.cli.connect import connect
 from unbend.cli.options import (
     Values,
     json_option,
@@ -54,9 +55,7 @@ def query(
 
 
 def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, asked: Values) -> Values:
-    from unbend.client import Client  # noqa: PLC0415
-
-    with Client(url) as client:
+    with connect(url) as client:
         return client.query(mesh, parameters=parameters, policy=policy, **asked)
 
 

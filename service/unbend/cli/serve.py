@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import logging
+import socket
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from unbend.cli.options import library_option
+from unbend.errors import ExposedError
+
+if TYPE_CHECKING:
+    from unbend.library import Library
 
 _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
 
@@ -17,7 +23,8 @@ _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given whe
 @click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
 @library_option
 @click.option("--workers", metavar="N", type=click.IntRange(1, 256), help="Processes that compute; all cores.")
-def serve(host: str, port: int, library: str | None, workers: int | None) -> None:
+@click.option("--open", "is_open", is_flag=True, default=None, help="Serve others without keys while there are none.")
+def serve(host: str, port: int, library: str | None, workers: int | None, is_open: bool | None) -> None:
     """Start the web service. Its settings are environment variables with the prefix UNBEND_."""
     import uvicorn  # noqa: PLC0415
     from pydantic import ValidationError  # noqa: PLC0415
@@ -25,14 +32,16 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
     from unbend.api import Settings, create_app  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
-    given: dict[str, Any] = {"library": library, "workers": workers}
+    given: dict[str, Any] = {"library": library, "workers": workers, "open": is_open}
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
         problems = "; ".join(f"UNBEND_{str(item['loc'][0]).upper()}: {item['msg']}" for item in error.errors())
         raise click.ClickException(problems) from None
     click.echo(f"unbend: library {settings.library}, {settings.workers} workers", err=True)
-    Library(settings.library).close()  # one that cannot be opened ends the command with a sentence
+    with Library(settings.library) as opened:  # one that cannot be opened ends the command with a sentence
+        if not (settings.open or _only_this_machine(host) or _closed(opened)):
+            raise ExposedError(f"{host} can be reached by others, and the library has no keys")
     app = create_app(settings)
 
     class Server(uvicorn.Server):
@@ -49,4 +58,32 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
         access_log=False,
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
+    _log()
     Server(config).run()
+
+
+def _only_this_machine(host: str) -> bool:
+    """Whether every address that `host` stands for is loopback; a name that stands for none is not."""
+    from unbend.api.access import is_loopback  # noqa: PLC0415
+
+    try:
+        found = socket.getaddrinfo(host, None) if host else []
+    except OSError:
+        return False
+    return bool(found) and all(is_loopback(address[0]) for *_, address in found)
+
+
+def _closed(library: Library) -> bool:
+    from unbend.library.keys import has_keys  # noqa: PLC0415
+
+    with library.store.read() as connection:
+        return has_keys(connection)
+
+
+def _log() -> None:
+    """Write what this package logs to standard error; Uvicorn sees to its own."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s %(message)s"))
+    logger = logging.getLogger("unbend")
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)

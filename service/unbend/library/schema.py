@@ -142,3 +142,15 @@ library_state = Table(
     Column("revision", Integer, nullable=False),
     comment="One row; revision counts changes to shapes, so that caches know.",
 )
+
+api_keys = Table(
+    "api_keys",
+    metadata,
+    Column("id", String(12), primary_key=True),
+    Column("name", String, nullable=False),
+    Column("scope", String, nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("created_at", Instant, nullable=False),
+    Column("revoked_at", Instant),
+    comment="Who may call the service; of a secret only its hash is here.",
+)

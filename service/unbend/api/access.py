@@ -1,0 +1,141 @@
+"""Who may call: API keys and their scopes, and how often. Before anything of the request's body is read."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Final, Literal, cast
+
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from unbend.api.problems import respond
+from unbend.api.rate import RateLimit
+from unbend.api.service import Service
+from unbend.api.settings import Settings
+from unbend.errors import (
+    AccessError,
+    KeyInvalidError,
+    KeyRequiredError,
+    OriginError,
+    RateLimitError,
+    ScopeError,
+)
+from unbend.library.engine import Store
+from unbend.library.keys import KeyRecord, find_key, has_keys
+
+CALLER: Final = "unbend.caller"
+"""Where in an ASGI scope it stands who calls: a key's id, "open" where none is needed, or "none"."""
+
+_FREE: Final = frozenset({"/v1/livez", "/v1/readyz"})
+_PORT: Final = re.compile(r":\d*$")
+_READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+def is_guarded(path: str) -> bool:
+    """Return whether a call of `path` needs a key where the service asks for keys."""
+    return path.startswith("/v1/") and path not in _FREE
+
+
+def scope_of(method: str, path: str) -> Literal["read", "write"]:
+    """Return what a key must allow for this call. A query stores no shape, so it reads."""
+    return "read" if method in _READING or (method, path) == ("POST", "/v1/queries") else "write"
+
+
+def is_loopback(host: object) -> bool:
+    """Return whether an address is one that only this machine can reach."""
+    try:
+        return ip_address(str(host)).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@dataclass(frozen=True)
+class Caller:
+    """What a request says of who sends it, checked against the library."""
+
+    key: KeyRecord | None
+    closed: bool
+    address: str
+
+    @property
+    def name(self) -> str:
+        """What the log calls it."""
+        return self.key.id if self.key and self.closed else "none" if self.closed else "open"
+
+
+class Access:
+    """ASGI middleware that lets a call through or answers 401, 403 or 429.
+
+    Keys are looked up in the store for each call, so that one made or revoked counts from the next call on. A library
+    without keys is open to calls from this machine, and to others only if the settings say so: revoking the last key
+    of a server that others can reach does not open it.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app = app
+        self._settings = settings
+        self._rate = RateLimit(settings.requests_per_minute)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or answer why not."""
+        if scope["type"] == "http" and is_guarded(scope["path"]):
+            try:
+                await self._admit(scope)
+            except (AccessError, RateLimitError) as error:
+                await respond(error)(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+    async def _admit(self, scope: Scope) -> None:
+        headers = Headers(scope=scope)
+        caller = await self._caller(scope, headers)
+        scope[CALLER] = caller.name
+        if wait := self._rate.take(caller.address if caller.name in {"open", "none"} else caller.name):
+            raise RateLimitError(f"more than {self._settings.requests_per_minute} calls a minute", wait)
+        needed = scope_of(scope["method"], scope["path"])
+        if not caller.closed:
+            if needed == "write":
+                self._check_origin(headers)
+        elif caller.key is None:
+            if "authorization" in headers:
+                raise KeyInvalidError("the Authorization header holds no key of this library")
+            raise KeyRequiredError("this call needs an API key")
+        elif needed == "write" and caller.key.scope != "write":
+            raise ScopeError("this key may only read")
+
+    async def _caller(self, scope: Scope, headers: Headers) -> Caller:
+        service = cast("Service", scope["app"].state.service)
+        key, closed = await run_in_threadpool(_look_up, service.library.store, _token(headers.get("authorization")))
+        client, _ = scope.get("client") or ("", None)
+        return Caller(key, closed or not (self._settings.open or _is_local(scope, headers)), client)
+
+    def _check_origin(self, headers: Headers) -> None:
+        """Refuse what a page of another site has the browser of somebody here send: CORS only hides the answer."""
+        origin = headers.get("origin")
+        if origin is None or {origin, "*"} & set(self._settings.origins):
+            return
+        if origin.partition("://")[2] != headers.get("host"):
+            raise OriginError("a page of another site may not write here")
+
+
+def _is_local(scope: Scope, headers: Headers) -> bool:
+    """Whether a call came from this machine to this machine, by a name of this machine.
+
+    A proxy on this machine tells another client, and a page whose site's name was made to lead here another host.
+    """
+    (here, _), (client, _) = scope.get("server") or ("", None), scope.get("client") or ("", None)
+    return all(map(is_loopback, (here, client, _PORT.sub("", headers.get("host", "")).strip("[]"))))
+
+
+def _token(given: str | None) -> str | None:
+    scheme, _, token = (given or "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else None
+
+
+def _look_up(store: Store, token: str | None) -> tuple[KeyRecord | None, bool]:
+    with store.read() as connection:
+        key = find_key(connection, token) if token else None
+        return key, key is not None or has_keys(connection)

@@ -1,0 +1,63 @@
+"""The log of writes: one line of JSON for each call that changes the library or tried to."""
+
+from __future__ import annotations
+
+import json
+import logging
+from typing import Any, Final
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from unbend.api.access import CALLER, is_guarded, scope_of
+
+logger = logging.getLogger("unbend.audit")
+
+_JOBS: Final = "/v1/jobs/"
+
+
+class Audit:
+    """ASGI middleware that logs writes: who, what, and how it was answered. Nothing that was sent but the path."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, and log it when it was answered."""
+        if (
+            scope["type"] != "http"
+            or not is_guarded(scope["path"])
+            or scope_of(scope["method"], scope["path"]) != "write"
+        ):
+            await self._app(scope, receive, send)
+            return
+        answer: Message = {"status": 500, "headers": []}  # of one that an unexpected error cuts short
+
+        async def watching(message: Message) -> None:
+            nonlocal answer
+            if message["type"] == "http.response.start":
+                answer = message
+            await send(message)
+
+        try:
+            await self._app(scope, receive, watching)
+        finally:
+            logger.info("%s", json.dumps(_line(scope, answer)))
+
+
+def _writes(scope: Scope) -> bool:
+    return scope["type"] == "http" and is_guarded(scope["path"]) and scope_of(scope["method"], scope["path"]) == "write"
+
+
+def _line(scope: Scope, answer: Message) -> dict[str, Any]:
+    client, _ = scope.get("client") or (None, None)
+    line = {
+        "key": scope.get(CALLER, "none"),
+        "client": client,
+        "method": scope["method"],
+        "path": scope["path"],
+        "status": answer["status"],
+    }
+    place = Headers(raw=answer["headers"]).get("location", "")
+    made = {"job_id": place.removeprefix(_JOBS)} if place.startswith(_JOBS) else {}
+    return {**line, **scope.get("path_params", {}), **made}

@@ -1,0 +1,110 @@
+"""API keys: made, listed, revoked and recognised, within the caller's transaction.
+
+A key is `unbend_<id>_<secret>`. The id finds its row, so that only one hash is compared, and in constant time; of the
+secret only the hash is stored. A single SHA-256 is enough: slow hashes protect passwords, which are few enough to be
+tried one by one. These secrets are 256 random bits, no easier to guess than the hash is to invert, and each request
+would pay for a slow one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, Literal
+
+from sqlalchemy import Column, Connection, exists, insert, select, update
+from sqlalchemy.engine import Row
+
+from unbend.errors import NotFoundError, ParameterError
+from unbend.library.schema import api_keys
+from unbend.library.values import MAX_TEXT
+
+Scope = Literal["read", "write"]
+"""What a key may do; "write" includes "read"."""
+
+_PREFIX: Final = "unbend"
+_ID_BYTES: Final = 6
+_SECRET_BYTES: Final = 32
+_COLUMNS: Final[tuple[Column[Any], ...]] = (
+    api_keys.c.id,
+    api_keys.c.name,
+    api_keys.c.scope,
+    api_keys.c.created_at,
+    api_keys.c.revoked_at,
+)
+
+
+@dataclass(frozen=True)
+class KeyRecord:
+    """A key without its secret, which nobody has but its owner."""
+
+    id: str
+    name: str
+    scope: Scope
+    created_at: datetime
+    revoked_at: datetime | None
+
+
+def create_key(connection: Connection, name: str, scope: Scope) -> tuple[KeyRecord, str]:
+    """Make a key; return its record and its text, which cannot be had again.
+
+    Raises
+    ------
+    ParameterError
+        If the name is not 1 to 200 printable characters, or there is no such scope.
+    """
+    if not 1 <= len(name) <= MAX_TEXT or not name.isprintable():
+        raise ParameterError(f"a key's name must be text of 1 to {MAX_TEXT} printable characters")
+    if scope not in {"read", "write"}:
+        raise ParameterError(f"a key's scope must be read or write, not {scope!r}")
+    record = KeyRecord(secrets.token_hex(_ID_BYTES), name, scope, datetime.now(UTC), None)
+    secret = secrets.token_urlsafe(_SECRET_BYTES)
+    connection.execute(insert(api_keys).values(**vars(record), sha256=_hash(secret)))
+    return record, f"{_PREFIX}_{record.id}_{secret}"
+
+
+def list_keys(connection: Connection) -> list[KeyRecord]:
+    """Return all keys, the revoked ones too, in the order they were made."""
+    rows = connection.execute(select(*_COLUMNS).order_by(api_keys.c.created_at, api_keys.c.id))
+    return [_record(row) for row in rows]
+
+
+def revoke_key(connection: Connection, key_id: str) -> KeyRecord:
+    """End a key for good; one that was revoked before keeps its time. NotFoundError if there is none of this id."""
+    connection.execute(
+        update(api_keys)
+        .where(api_keys.c.id == key_id, api_keys.c.revoked_at.is_(None))
+        .values(revoked_at=datetime.now(UTC))
+    )
+    row = connection.execute(select(*_COLUMNS).where(api_keys.c.id == key_id)).one_or_none()
+    if row is None:
+        raise NotFoundError(f"no key {key_id}")
+    return _record(row)
+
+
+def find_key(connection: Connection, text: str) -> KeyRecord | None:
+    """Return the live key that this is the text of, if there is one."""
+    prefix, _, rest = text.partition("_")
+    key_id, _, secret = rest.partition("_")
+    row = connection.execute(
+        select(*_COLUMNS, api_keys.c.sha256).where(api_keys.c.id == key_id, api_keys.c.revoked_at.is_(None))
+    ).one_or_none()
+    if prefix != _PREFIX or row is None or not hmac.compare_digest(row.sha256, _hash(secret)):
+        return None
+    return _record(row)
+
+
+def has_keys(connection: Connection) -> bool:
+    """Return whether any key is live: the library is then closed to callers without one."""
+    return bool(connection.scalar(select(exists().where(api_keys.c.revoked_at.is_(None)))))
+
+
+def _hash(secret: str) -> str:
+    return hashlib.sha256(secret.encode(errors="surrogatepass")).hexdigest()
+
+
+def _record(row: Row[*tuple[Any, ...]]) -> KeyRecord:
+    return KeyRecord(row.id, row.name, row.scope, row.created_at, row.revoked_at)

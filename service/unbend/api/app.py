@@ -12,7 +12,9 @@ from fastapi_offline import FastAPIOffline
 from unbend import __version__
 from unbend.api import problems
 from unbend.api.limits import BodyLimit
+from unbend.api.metrics import Metrics
 from unbend.api.openapi import install_schema
+from unbend.api.requests import PREFIX, Requests
 from unbend.api.routes import health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
@@ -33,12 +35,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     from elsewhere.
     """
     chosen = settings or Settings()
+    metrics = Metrics()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         library = Library(chosen.library)
-        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits)
-        app.state.service = Service(chosen, library, runner)
+        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=metrics)
+        app.state.service = Service(chosen, library, runner, metrics)
         await runner.start()
         try:
             yield
@@ -49,12 +52,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app = FastAPIOffline(
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
     )
-    api = APIRouter(prefix="/v1")
+    api = APIRouter(prefix=PREFIX)
     for room in (shapes, jobs, queries, overview, health):
         api.include_router(room.router)
     app.include_router(api)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_middleware(BodyLimit, limit=chosen.max_upload_mb * 2**20)
+    app.add_middleware(Requests, metrics=metrics)  # the last added is the outermost
     problems.install(app)
     install_schema(app)
     return app

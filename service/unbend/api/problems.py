@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from unbend import errors
+from unbend.api.requests import CURRENT_REQUEST, HEADER
 
 logger = logging.getLogger("unbend.api")
 
@@ -116,7 +117,8 @@ async def _on_http(_request: Request, error: Exception) -> JSONResponse:
 
 async def _on_unexpected(_request: Request, error: Exception) -> JSONResponse:
     logger.error("a request failed with an unexpected error", exc_info=error)
-    return answer(Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error"))
+    problem = Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error")
+    return answer(problem, {HEADER: CURRENT_REQUEST.get() or ""})
 
 
 def _title(status: int) -> str:

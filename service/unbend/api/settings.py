@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from unbend.api.logs import LogFormat
 from unbend.jobs import JobLimits
 from unbend.threads import available_cores
 
@@ -23,6 +24,7 @@ class Settings(BaseSettings):
     job_seconds: float = Field(600.0, gt=0, description="Seconds after which a job is stopped.")
     job_memory_mb: int = Field(8192, ge=1024, description="Megabytes of address space that a worker may use.")
     drain_seconds: float = Field(20.0, ge=0, description="Seconds that running jobs are given when the server stops.")
+    log_format: LogFormat = Field("text", description="Lines of text, or one JSON object a line.")
 
     @property
     def limits(self) -> JobLimits:

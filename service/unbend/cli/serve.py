@@ -23,6 +23,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
     from pydantic import ValidationError  # noqa: PLC0415
 
     from unbend.api import Settings, create_app  # noqa: PLC0415
+    from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
     given: dict[str, Any] = {"library": library, "workers": workers}
@@ -45,7 +46,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None) -> Non
         app,
         host=host,
         port=port,
-        log_level="info",
+        log_config=log_config(settings.log_format),
         access_log=False,
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )

@@ -5,13 +5,28 @@ from __future__ import annotations
 import asyncio
 import inspect
 import json
+import socket
 import threading
 import time
 import uuid
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from urllib.parse import urlsplit
 
 import pytest
 
-from server import DAMAGED, ENDLESS, SAMPLES, endless_mesh, ply, post_mesh, slow_mesh, small_mesh, two_rings
+from server import (
+    DAMAGED,
+    ENDLESS,
+    SAMPLES,
+    endless_mesh,
+    medium_mesh,
+    ply,
+    post_mesh,
+    slow_mesh,
+    small_mesh,
+    two_rings,
+)
 from unbend import AsyncClient, Client, Library, Parameters, compute_signature, read_mesh
 from unbend.errors import (
     JobCancelledError,
@@ -280,3 +295,85 @@ def until_running(job) -> None:
     while job.status()["state"] == "queued":
         assert time.monotonic() < end
         time.sleep(0.02)
+
+
+def test_a_job_is_followed_to_its_end(client, mesh, kind):
+    job = client.submit(mesh(12), parameters=SAMPLES)
+    told = list(job.events())
+    assert told[-1]["state"] == "succeeded"
+    assert job.status() == told[-1]
+    assert list(job.events()) == [told[-1]]
+    again = client.job(job.id)
+    assert list(again.events()) == [told[-1]]
+    stored = client.submit(mesh(12), parameters=SAMPLES)
+    assert [record["shape_id"] for record in stored.events()] == [told[-1]["shape_id"]]
+    with pytest.raises(NotFoundError, match="nobody"):
+        list(client.job_events("nobody"))
+
+
+class CuttingRelay(threading.Thread):
+    """Passes bytes on to a server, and breaks connections that answer with events off after some of them."""
+
+    def __init__(self, url: str, limit: int) -> None:
+        super().__init__(daemon=True)
+        self._target = (urlsplit(url).hostname, urlsplit(url).port)
+        self._limit = limit
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.heads: list[bytes] = []
+        """Requests for events, as they came."""
+
+    def run(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._listener.accept()
+                threading.Thread(target=self._serve, args=(near,), daemon=True).start()
+
+    def close(self) -> None:
+        self._listener.close()
+
+    def _serve(self, near: socket.socket) -> None:
+        with near, socket.create_connection(self._target) as far:
+            threading.Thread(target=self._requests, args=(near, far), daemon=True).start()
+            events, passed = False, 0
+            for data in received(far):
+                events = events or b"text/event-stream" in data
+                passed += len(data)
+                near.sendall(data)
+                if events and passed > self._limit:
+                    near.shutdown(socket.SHUT_RDWR)
+                    return
+
+    def _requests(self, near: socket.socket, far: socket.socket) -> None:
+        with suppress(OSError):
+            for data in received(near):
+                if b"/events HTTP" in data:
+                    self.heads.append(data)
+                far.sendall(data)
+
+
+def received(source: socket.socket) -> Iterator[bytes]:
+    with suppress(ConnectionError):
+        while data := source.recv(65536):
+            yield data
+
+
+def test_a_broken_connection_is_taken_up_again_without_repeating(server, kind):
+    with closing(CuttingRelay(server.url, limit=1000)) as relay:  # an event or two
+        relay.start()
+        made, close = make_client(kind, relay.url)
+        told = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())
+        close()
+    assert told[-1]["state"] == "succeeded"
+    places = [(job["state"], job["stage"], job["progress"]) for job in told]
+    assert len(set(places)) == len(places)
+    assert len(relay.heads) > 1
+    assert b"last-event-id" not in relay.heads[0].lower()
+    assert all(b"last-event-id: " in head.lower() for head in relay.heads[1:])
+
+
+def test_a_service_that_is_not_there_has_no_events(kind):
+    made, close = make_client(kind, "http://127.0.0.1:9")
+    with pytest.raises(ServiceError, match="could not be reached"):
+        list(made.job_events("x"))
+    close()

@@ -125,9 +125,20 @@ def _is_local(scope: Scope, headers: Headers) -> bool:
     """Whether a call came from this machine to this machine, by a name of this machine.
 
     A proxy on this machine tells another client, and a page whose site's name was made to lead here another host.
+    A server that has a name for an address listens nowhere: the call was made within the process.
     """
     (here, _), (client, _) = scope.get("server") or ("", None), scope.get("client") or ("", None)
+    if here and "/" not in here and not _is_address(here):
+        return True
     return all(map(is_loopback, (here, client, _PORT.sub("", headers.get("host", "")).strip("[]"))))
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ip_address(host)
+    except ValueError:
+        return False
+    return True
 
 
 def _token(given: str | None) -> str | None:

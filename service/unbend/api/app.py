@@ -16,7 +16,9 @@ from unbend.api.access import Access
 from unbend.api.audit import Audit
 from unbend.api.headers import SecurityHeaders
 from unbend.api.limits import BodyLimit
+from unbend.api.metrics import Metrics
 from unbend.api.openapi import install_schema
+from unbend.api.requests import PREFIX, Requests
 from unbend.api.routes import health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
@@ -37,12 +39,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     from elsewhere.
     """
     chosen = settings or Settings()
+    metrics = Metrics()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         library = Library(chosen.library)
-        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits)
-        app.state.service = Service(chosen, library, runner)
+        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=metrics)
+        app.state.service = Service(chosen, library, runner, metrics)
         await runner.start()
         try:
             yield
@@ -53,18 +56,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app = FastAPIOffline(
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
     )
-    api = APIRouter(prefix="/v1")
+    api = APIRouter(prefix=PREFIX)
     for room in (shapes, jobs, queries, overview, health):
         api.include_router(room.router)
     app.include_router(api)
     app.add_api_route("/", _to_docs, include_in_schema=False)
-    _add_middleware(app, chosen)
+    _add_middleware(app, chosen, metrics)
     problems.install(app)
     install_schema(app)
     return app
 
 
-def _add_middleware(app: FastAPI, settings: Settings) -> None:
+def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
     """Put the layers on, the innermost first: who may not call has no byte of a body read."""
     app.add_middleware(BodyLimit, limit=settings.max_upload_mb * 2**20)
     app.add_middleware(Access, settings=settings)
@@ -73,11 +76,12 @@ def _add_middleware(app: FastAPI, settings: Settings) -> None:
             CORSMiddleware,
             allow_origins=settings.origins,
             allow_methods=["GET", "POST", "PATCH", "DELETE"],
-            allow_headers=["Authorization", "Content-Type", "Prefer"],
-            expose_headers=["Content-Disposition", "Location", "Retry-After", "WWW-Authenticate"],
+            allow_headers=["Authorization", "Content-Type", "Last-Event-ID", "Prefer"],
+            expose_headers=["Content-Disposition", "Location", "Retry-After", "WWW-Authenticate", "X-Request-ID"],
         )
     app.add_middleware(Audit)
     app.add_middleware(SecurityHeaders)
+    app.add_middleware(Requests, metrics=metrics)
 
 
 async def _to_docs() -> RedirectResponse:

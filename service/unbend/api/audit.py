@@ -24,11 +24,7 @@ class Audit:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, and log it when it was answered."""
-        if (
-            scope["type"] != "http"
-            or not is_guarded(scope["path"])
-            or scope_of(scope["method"], scope["path"]) != "write"
-        ):
+        if not _writes(scope):
             await self._app(scope, receive, send)
             return
         answer: Message = {"status": 500, "headers": []}  # of one that an unexpected error cuts short
@@ -42,7 +38,8 @@ class Audit:
         try:
             await self._app(scope, receive, watching)
         finally:
-            logger.info("%s", json.dumps(_line(scope, answer)))
+            line = _line(scope, answer)
+            logger.info("%s", json.dumps(line), extra={"details": line})
 
 
 def _writes(scope: Scope) -> bool:

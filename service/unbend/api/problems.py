@@ -14,6 +14,7 @@ from starlette.exceptions import HTTPException
 
 from unbend import errors
 from unbend.api.headers import headers_for
+from unbend.api.requests import CURRENT_REQUEST, HEADER
 
 logger = logging.getLogger("unbend.api")
 
@@ -141,7 +142,8 @@ async def _on_http(_request: Request, error: Exception) -> JSONResponse:
 async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
     logger.error("a request failed with an unexpected error", exc_info=error)
     problem = Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error")
-    return answer(problem, headers_for(request.url.path))  # sent from outside the middleware that adds them elsewhere
+    # sent from outside the middleware that adds them elsewhere
+    return answer(problem, headers_for(request.url.path) | {HEADER: CURRENT_REQUEST.get() or ""})
 
 
 def _title(status: int) -> str:

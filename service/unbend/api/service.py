@@ -7,6 +7,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from unbend.api.metrics import Metrics
 from unbend.api.settings import Settings
 from unbend.jobs import JobRunner
 from unbend.library import Library
@@ -19,6 +20,7 @@ class Service:
     settings: Settings
     library: Library
     runner: JobRunner
+    metrics: Metrics
 
 
 def _service(request: Request) -> Service:

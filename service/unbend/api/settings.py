@@ -8,6 +8,7 @@ from typing import Final
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from unbend.api.logs import LogFormat
 from unbend.jobs import JobLimits
 from unbend.threads import available_cores
 
@@ -28,6 +29,7 @@ class Settings(BaseSettings):
     job_seconds: float = Field(600.0, gt=0, description="Seconds after which a job is stopped.")
     job_memory_mb: int = Field(8192, ge=1024, description="Megabytes of address space that a worker may use.")
     drain_seconds: float = Field(20.0, ge=0, description="Seconds that running jobs are given when the server stops.")
+    log_format: LogFormat = Field("text", description="Lines of text, or one JSON object a line.")
 
     open: bool = Field(False, description="Serve callers without a key at any address while there are no keys.")
     requests_per_minute: int = Field(0, ge=0, description="Calls of one key, or address without; 0 for no limit.")

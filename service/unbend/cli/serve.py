@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import socket
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -30,6 +29,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
     from pydantic import ValidationError  # noqa: PLC0415
 
     from unbend.api import Settings, create_app  # noqa: PLC0415
+    from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
     given: dict[str, Any] = {"library": library, "workers": workers, "open": is_open}
@@ -54,11 +54,10 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
         app,
         host=host,
         port=port,
-        log_level="info",
+        log_config=log_config(settings.log_format),
         access_log=False,
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
-    _log()
     Server(config).run()
 
 
@@ -78,12 +77,3 @@ def _closed(library: Library) -> bool:
 
     with library.store.read() as connection:
         return has_keys(connection)
-
-
-def _log() -> None:
-    """Write what this package logs to standard error; Uvicorn sees to its own."""
-    handler = logging.StreamHandler()
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s %(message)s"))
-    logger = logging.getLogger("unbend")
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)

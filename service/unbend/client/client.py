@@ -12,6 +12,7 @@ from typing import Any, Self
 import httpx
 
 from unbend.client import protocol
+from unbend.client.events import EventReader
 from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile, Question
 
 _TIMEOUT = httpx.Timeout(POLL_SECONDS + 30.0, connect=10.0)
@@ -45,6 +46,18 @@ class Job:
                 raise TimeoutError(f"job {self.id} is {self._record['state']} after {timeout} seconds")
             self._record = self._client.request("GET", f"/v1/jobs/{self.id}", params={"wait": patience}).json()
         return self._record
+
+    def events(self) -> Iterator[Json]:
+        """Yield the job at each change of state, stage or progress; the last is the ended job.
+
+        Where the connection breaks, or the service starts anew, it goes on without repeating.
+        """
+        if self._record["state"] in FINISHED:
+            yield self._record
+            return
+        for record in self._client.job_events(self.id):
+            self._record = record
+            yield record
 
     def result(self, timeout: float | None = None) -> Json:
         """Return the stored shape, or a query's ranking; raise the job's own error if it failed."""
@@ -180,6 +193,25 @@ class Client:
         """Return the handle of a job by its identifier."""
         return Job(self, self.request("GET", f"/v1/jobs/{job_id}").json())
 
+    def job_events(self, job_id: str) -> Iterator[Json]:
+        """Yield a job at each of its changes until it has ended; NotFoundError if there is none."""
+        reader = EventReader()
+        while True:
+            broken: Exception | None = None
+            try:
+                with self._http.stream("GET", f"/v1/jobs/{job_id}/events", headers=reader.headers) as response:
+                    if response.is_error:
+                        response.read()
+                    if reader.opened(response):
+                        for line in response.iter_lines():
+                            if (job := reader.feed(line)) is not None:
+                                yield job
+            except httpx.TransportError as error:
+                broken = error
+            if reader.done:
+                return
+            time.sleep(reader.interrupted(broken))
+
     def classes(self) -> dict[str, int]:
         """Return the classes and how many shapes each has."""
         return {item["label"]: item["count"] for item in self.request("GET", "/v1/classes").json()["items"]}
@@ -219,6 +251,18 @@ class AsyncJob:
                 params = {"wait": POLL_SECONDS}
                 self._record = (await self._client.request("GET", f"/v1/jobs/{self.id}", params=params)).json()
         return self._record
+
+    async def events(self) -> AsyncIterator[Json]:
+        """Yield the job at each change of state, stage or progress; the last is the ended job.
+
+        Where the connection breaks, or the service starts anew, it goes on without repeating.
+        """
+        if self._record["state"] in FINISHED:
+            yield self._record
+            return
+        async for record in self._client.job_events(self.id):
+            self._record = record
+            yield record
 
     async def result(self, timeout: float | None = None) -> Json:
         """Return the stored shape, or a query's ranking; raise the job's own error if it failed."""
@@ -337,6 +381,25 @@ class AsyncClient:
     async def job(self, job_id: str) -> AsyncJob:
         """Return the handle of a job by its identifier."""
         return AsyncJob(self, (await self.request("GET", f"/v1/jobs/{job_id}")).json())
+
+    async def job_events(self, job_id: str) -> AsyncIterator[Json]:
+        """Yield a job at each of its changes until it has ended; NotFoundError if there is none."""
+        reader = EventReader()
+        while True:
+            broken: Exception | None = None
+            try:
+                async with self._http.stream("GET", f"/v1/jobs/{job_id}/events", headers=reader.headers) as response:
+                    if response.is_error:
+                        await response.aread()
+                    if reader.opened(response):
+                        async for line in response.aiter_lines():
+                            if (job := reader.feed(line)) is not None:
+                                yield job
+            except httpx.TransportError as error:
+                broken = error
+            if reader.done:
+                return
+            await asyncio.sleep(reader.interrupted(broken))
 
     async def classes(self) -> dict[str, int]:
         """Return the classes and how many shapes each has."""

@@ -1,5 +1,6 @@
 """Jobs: a durable queue worked off by a pool of processes, with progress and cancellation."""
 
+from unbend.jobs.observer import JobObserver
 from unbend.jobs.runner import JobLimits, JobRunner, Upload
 
-__all__ = ["JobLimits", "JobRunner", "Upload"]
+__all__ = ["JobLimits", "JobObserver", "JobRunner", "Upload"]

@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import logging
 import tempfile
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 
 from pebble import ProcessExpired
 
-from unbend.errors import JobCancelledError, QueueFullError
+from unbend.errors import JobCancelledError, NotFoundError, QueueFullError
 from unbend.jobs.failures import describe, typed_error
+from unbend.jobs.observer import CURRENT_JOB, JobObserver, NoObserver
 from unbend.jobs.pool import WorkerPool
 from unbend.jobs.progress import ProgressFile, Report
 from unbend.jobs.worker import Outcome, StoredMesh, Task, compute
@@ -31,6 +32,7 @@ logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
 
 _RETRY_SECONDS = 1.0
+_LOOK_SECONDS = 0.25  # between two looks at a job that somebody follows
 
 
 @dataclass(frozen=True)
@@ -64,10 +66,18 @@ class JobRunner:
     earlier process: they are run again, up to `limits.restarts` times.
     """
 
-    def __init__(self, library: Library, *, workers: int, limits: JobLimits | None = None) -> None:
+    def __init__(
+        self,
+        library: Library,
+        *,
+        workers: int,
+        limits: JobLimits | None = None,
+        observer: JobObserver | None = None,
+    ) -> None:
         self.workers = workers
         self.limits = limits or JobLimits()
         self._library = library
+        self._observer: JobObserver = observer or NoObserver()
         self._pool = WorkerPool(workers, self.limits.memory_mb)
         # twice as many jobs as processes are in hand, so that no process waits for the store
         self._slots = asyncio.Semaphore(2 * workers)
@@ -141,6 +151,8 @@ class JobRunner:
             If `limits.queued` jobs wait already.
         """
         answer = await asyncio.to_thread(self._enqueue, kind, upload, request)
+        if isinstance(answer, JobRecord):
+            CURRENT_JOB.set(answer.id)
         self._wake.set()
         return answer
 
@@ -168,12 +180,35 @@ class JobRunner:
         event = self._finished.setdefault(job_id, asyncio.Event())
         job = await self.status(job_id)  # again: it may have ended before the event was there
         if job.finished:
-            self._finished.pop(job_id, None)
+            self._announce(job_id)
             return job
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                await event.wait()
+        await _until_set(event, seconds)
         return await self.status(job_id)
+
+    async def follow(self, job_id: str) -> AsyncIterator[JobRecord]:
+        """Yield a job as it is, some times a second, and at once when it ends.
+
+        The last is the ended job, or, where the server stops, the job as it is then.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such job.
+        """
+        while True:
+            event = self._finished.setdefault(job_id, asyncio.Event())  # before looking: an end is not missed
+            stopping = self._stopping
+            try:
+                job = await self.status(job_id)
+            except NotFoundError:
+                self._announce(job_id)
+                raise
+            if job.finished:
+                self._announce(job_id)
+            yield job
+            if job.finished or stopping:
+                return
+            await _until_set(event, _LOOK_SECONDS)
 
     async def call(self, function: Callable[..., T], *arguments: object) -> T:
         """Run a function on stored data in a worker process, past the queue, under the limits of a job.
@@ -191,6 +226,7 @@ class JobRunner:
     async def cancel(self, job_id: str) -> JobRecord:
         """Cancel a job: a queued one is never run, a running one's process is stopped; an ended one stays."""
         error = describe(JobCancelledError("the job was cancelled"))
+        CURRENT_JOB.set(job_id)
         if await asyncio.to_thread(self._finish, job_id, "cancelled", error=error):
             if task := self._tasks.get(job_id):
                 task.cancel()
@@ -224,12 +260,15 @@ class JobRunner:
         ProgressFile(self._progress_folder, job_id).remove()
 
     async def _run(self, job: JobRecord) -> None:
+        CURRENT_JOB.set(job.id)
+        logger.info("%s job begun, attempt %d", job.kind, job.attempts)
         try:
             outcome = await self._pool.call(compute, (self._task(job),), self.limits.seconds)
+            self._observer.computed(outcome.seconds)
             await asyncio.to_thread(self._store, job, outcome)
         except ProcessExpired as error:
             if job.attempts < self.limits.attempts:
-                logger.warning("job %s lost its process, attempt %d", job.id, job.attempts)
+                logger.warning("the job lost its process, attempt %d", job.attempts)
                 await asyncio.to_thread(self._give_back, job.id, "worker")
                 self._wake.set()
                 return
@@ -245,7 +284,6 @@ class JobRunner:
 
     async def _fail(self, job: JobRecord, error: Exception) -> None:
         typed = typed_error(error, self.limits.seconds)
-        logger.info("job %s failed: %s: %s", job.id, typed.code, typed)
         report = ProgressFile(self._progress_folder, job.id).read() or Report(job.stage, job.progress)
         reached = {"stage": report.stage, "progress": report.share}
         await asyncio.to_thread(self._finish, job.id, "failed", error=describe(typed), reached=reached)
@@ -293,10 +331,23 @@ class JobRunner:
                 return
             shape = rows.add_shape(connection, new)
             queue.finish(connection, job.id, "succeeded", shape_id=shape.id)
+            ended = queue.get_job(connection, job.id)
+        self._note_end(ended)
 
     def _finish(self, job_id: str, state: JobState, **values: Any) -> bool:
         with self._library.store.write() as connection:
-            return queue.finish(connection, job_id, state, **values)
+            changed = queue.finish(connection, job_id, state, **values)
+            job = queue.get_job(connection, job_id) if changed else None
+        if job:
+            self._note_end(job)
+        return changed
+
+    def _note_end(self, job: JobRecord) -> None:
+        if job.error:
+            logger.info("%s job %s: %s: %s", job.kind, job.state, job.error["code"], job.error["message"])
+        else:
+            logger.info("%s job %s", job.kind, job.state)
+        self._observer.ended(job)
 
     def _give_back(self, job_id: str, lost: queue.Lost) -> None:
         with self._library.store.write() as connection:
@@ -304,12 +355,16 @@ class JobRunner:
 
     def _recover(self) -> None:
         lost = typed_error(ProcessExpired("", 0, 0), self.limits.seconds)
+        ended = []
         with self._library.store.write() as connection:
             for job in queue.running_jobs(connection):
                 if job.restarts < self.limits.restarts:
                     queue.give_back(connection, job.id, lost="server")
                 else:
                     queue.finish(connection, job.id, "failed", error=describe(lost))
+                    ended.append(queue.get_job(connection, job.id))
+        for job in ended:
+            self._note_end(job)
 
     def _status(self, job_id: str) -> JobRecord:
         with self._library.store.read() as connection:
@@ -326,3 +381,9 @@ class JobRunner:
     def _position(self, seq: int | None) -> int:
         with self._library.store.read() as connection:
             return queue.count_queued(connection, before=seq)
+
+
+async def _until_set(event: asyncio.Event, seconds: float) -> None:
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            await event.wait()

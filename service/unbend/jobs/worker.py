@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
-from unbend.jobs.progress import ProgressFile
+from unbend.jobs.progress import ProgressFile, StageClock
 from unbend.library.engine import Store
 from unbend.library.shapes import get_mesh
 from unbend.matching.measures import MEASURES, compare
@@ -63,6 +63,8 @@ class Outcome:
     signature: Signature
     area: float
     report: dict[str, Any]
+    seconds: dict[str, float]
+    """That each stage took."""
 
 
 @dataclass(frozen=True)
@@ -101,16 +103,14 @@ def compute(task: Task) -> Outcome:
     JobMemoryError
         If it asks for more memory than allowed.
     """
-    progress = ProgressFile(task.progress_folder, task.job_id)
+    clock = StageClock(ProgressFile(task.progress_folder, task.job_id))
     try:
-        progress.write("reading", 0.0)
+        clock.report("reading", 0.0)
         surface = _read(task.mesh)
-        signature = compute_signature(
-            surface, Parameters.from_json(task.parameters), progress=progress.write, threads=1
-        )
+        signature = compute_signature(surface, Parameters.from_json(task.parameters), progress=clock.report, threads=1)
     except MemoryError:
         raise JobMemoryError("the mesh needs more memory than a job may use") from None
-    return Outcome(signature, surface.area, surface.report.as_dict())
+    return Outcome(signature, surface.area, surface.report.as_dict(), clock.seconds())
 
 
 def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | None = None) -> Geodesics:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, HTTPException
+from fastapi import APIRouter, HTTPException, Response
+from prometheus_client import CONTENT_TYPE_LATEST
 
 from unbend.api.models import Capacity, Health
 from unbend.api.problems import problem_responses
@@ -34,3 +35,14 @@ async def capacity(service: ServiceDependency) -> Capacity:
     return Capacity(
         workers=runner.workers, running=runner.running, queued=await runner.queued(), max_queued=runner.limits.queued
     )
+
+
+@router.get(
+    "/metrics",
+    response_class=Response,
+    responses={200: {"description": "Figures.", "content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+async def metrics(service: ServiceDependency) -> Response:
+    """Return figures of load, jobs, requests and the process, as Prometheus reads them."""
+    text = await service.metrics.text(service.runner, service.library)
+    return Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST, "Cache-Control": "no-store"})

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Header, Query, Response
 
+from unbend.api.events import HEADERS, EventStream, event_id, events, parse_id
 from unbend.api.models import Job, JobList
 from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
@@ -39,6 +40,37 @@ async def get_job(
     """Return a job; with `wait` this is a long poll."""
     record = await (service.runner.wait(job_id, wait) if wait else service.runner.status(job_id))
     return await _with_position(service, record)
+
+
+@router.get(
+    "/{job_id}/events",
+    response_class=EventStream,
+    responses={
+        200: {
+            "description": "Server-Sent Events: `id` where the job stands, `data` the job as one line of JSON.",
+            "content": {EventStream.media_type: {"schema": {"type": "string"}}},
+        },
+        204: {"description": "The job has ended, and `Last-Event-ID` says that this is known: do not come back."},
+        **problem_responses(404, 422),
+    },
+)
+async def follow_job(
+    service: ServiceDependency,
+    job_id: str,
+    last_event_id: Annotated[
+        str | None, Header(description="The `id` of the event that came last: it is not sent again.")
+    ] = None,
+) -> Response:
+    """Follow a job: an event at each change of state, stage or progress, four a second at most.
+
+    The last is the ended job, and the stream closes. It also closes when the server stops: come back then.
+    """
+    last = parse_id(last_event_id)
+    record = await service.runner.status(job_id)
+    if record.finished and event_id(record) == last:
+        return Response(status_code=204, headers=HEADERS)
+    followed = service.metrics.counted_stream(events(service.runner, job_id, last))
+    return EventStream(followed, headers=HEADERS)
 
 
 @router.delete("/{job_id}", responses=problem_responses(404, 422))

@@ -1,0 +1,81 @@
+"""Figures of a running server for Prometheus; every label has few values, whatever is asked of the server."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from typing import Final
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector, generate_latest
+
+from unbend import __version__
+from unbend.jobs import JobRunner
+from unbend.library import Library
+from unbend.library.records import JobRecord
+
+_JOB_BUCKETS: Final = (0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60, 120, 300, 600)
+_HTTP_BUCKETS: Final = (0.001, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
+
+
+class Metrics:
+    """The figures of one application, in a registry of its own; a `JobObserver`, and safe in all threads."""
+
+    def __init__(self) -> None:
+        self.registry = registry = CollectorRegistry()
+        ProcessCollector(registry=registry)
+        Info("unbend_build", "The version that runs", registry=registry).info({"version": __version__})
+        self._queued = Gauge("unbend_jobs_queued", "Jobs that wait", registry=registry)
+        self._running = Gauge("unbend_jobs_running", "Jobs in hand", registry=registry)
+        self._workers = Gauge("unbend_workers", "Processes that compute", registry=registry)
+        self._shapes = Gauge("unbend_library_shapes", "Shapes of the library", registry=registry)
+        self._streams = Gauge("unbend_event_streams", "Open streams of job events", registry=registry)
+        self._jobs = Counter(
+            "unbend_jobs", "Jobs that ended here; code: of the error", ["kind", "outcome", "code"], registry=registry
+        )
+        self._job_seconds = Histogram(
+            "unbend_job_seconds", "From the beginning of a job to its end", ["kind", "outcome"],
+            buckets=_JOB_BUCKETS, registry=registry,
+        )  # fmt: skip
+        self._wait_seconds = Histogram(
+            "unbend_job_wait_seconds", "From the upload to the beginning of the job", ["kind"],
+            buckets=_JOB_BUCKETS, registry=registry,
+        )  # fmt: skip
+        self._stage_seconds = Histogram(
+            "unbend_stage_seconds", "One stage of a computation that was done", ["stage"],
+            buckets=_JOB_BUCKETS, registry=registry,
+        )  # fmt: skip
+        self._http_seconds = Histogram(
+            "unbend_http_request_seconds", "From a request to the head of its answer", ["method", "route", "status"],
+            buckets=_HTTP_BUCKETS, registry=registry,
+        )  # fmt: skip
+
+    def ended(self, job: JobRecord) -> None:
+        """Count a job that has ended."""
+        code = job.error["code"] if job.error else ""
+        self._jobs.labels(job.kind, job.state, code).inc()
+        if job.started_at and job.finished_at:
+            self._job_seconds.labels(job.kind, job.state).observe((job.finished_at - job.started_at).total_seconds())
+            self._wait_seconds.labels(job.kind).observe((job.started_at - job.created_at).total_seconds())
+
+    def computed(self, seconds: Mapping[str, float]) -> None:
+        """Note the stages of a computation."""
+        for stage, taken in seconds.items():
+            self._stage_seconds.labels(stage).observe(taken)
+
+    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Note an answer; `route` is the template of its path."""
+        self._http_seconds.labels(method, route, str(status)).observe(seconds)
+
+    async def counted_stream(self, stream: AsyncIterator[str]) -> AsyncIterator[str]:
+        """Pass a stream on, as one of those that are open."""
+        with self._streams.track_inprogress():
+            async for part in stream:
+                yield part
+
+    async def text(self, runner: JobRunner, library: Library) -> bytes:
+        """Return all figures, those of the queue and the library as they are now."""
+        self._queued.set(await runner.queued())
+        self._running.set(runner.running)
+        self._workers.set(runner.workers)
+        self._shapes.set(await asyncio.to_thread(len, library))
+        return await asyncio.to_thread(generate_latest, self.registry)

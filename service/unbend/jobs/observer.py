@@ -1,0 +1,35 @@
+"""What the job runner tells to whoever keeps figures of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextvars import ContextVar
+from typing import Final, Protocol
+
+from unbend.library.records import JobRecord
+
+STAGES: Final = ("starting", "reading", "sampling", "geodesics", "embedding", "describing")
+"""What a running job is at, in this order."""
+
+CURRENT_JOB: Final[ContextVar[str | None]] = ContextVar("unbend job", default=None)
+"""The job that a line of the log is about."""
+
+
+class JobObserver(Protocol):
+    """Keeps figures; called from any thread, so it must be safe there, and quick."""
+
+    def ended(self, job: JobRecord) -> None:
+        """Take note of a job that has just ended, however it did."""
+
+    def computed(self, seconds: Mapping[str, float]) -> None:
+        """Take note of how long each stage of a computation took."""
+
+
+class NoObserver:
+    """Keeps nothing."""
+
+    def ended(self, job: JobRecord) -> None:
+        """Forget it."""
+
+    def computed(self, seconds: Mapping[str, float]) -> None:
+        """Forget it."""

@@ -157,9 +157,7 @@ def audited(server: Server, path: str, count: int, job_id: str | None = None) ->
     """The lines of the log about writes to `path`, when there are so many, and one of `job_id`."""
     end = time.monotonic() + 10
     while time.monotonic() < end:
-        lines = re.findall(
-            r" INFO unbend\.audit: (\{.*\})(?: \[[^\]]*\])?$", server.log.read_text(), re.MULTILINE
-        )
+        lines = re.findall(r" INFO unbend\.audit: (\{.*\})(?: \[[^\]]*\])?$", server.log.read_text(), re.MULTILINE)
         found = [line for line in map(json.loads, lines) if line["path"] == path]
         if len(found) >= count and job_id in {None, *(line.get("job_id") for line in found)}:
             return found

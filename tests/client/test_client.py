@@ -359,7 +359,7 @@ def received(source: socket.socket) -> Iterator[bytes]:
 
 
 def test_a_broken_connection_is_taken_up_again_without_repeating(server, kind):
-    with closing(CuttingRelay(server.url, limit=1000)) as relay:  # an event or two
+    with closing(CuttingRelay(server.url, limit=1500)) as relay:  # the head and an event or two
         relay.start()
         made, close = make_client(kind, relay.url)
         told = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())

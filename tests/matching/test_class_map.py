@@ -60,7 +60,8 @@ def test_the_order_and_the_unit_of_distance_change_nothing_but_order_and_unit(se
     vectors, _ = clusters(4, 6, seed % 100)
     order = np.random.default_rng(seed).permutation(len(vectors))
     first, second = class_map(vectors, MOMENTS), class_map(unit * vectors[order], MOMENTS)
-    np.testing.assert_allclose(pdist(second.points) / unit, pdist(first.points[order]), atol=0.02)
+    found, expected = pdist(second.points) / unit, pdist(first.points[order])
+    np.testing.assert_allclose(found, expected, atol=1e-3 * expected.max())  # least squares stops at 1e-6 of the stress
 
 
 def test_many_shapes_are_placed_by_landmarks_nearly_as_if_all_were_embedded(monkeypatch):

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from peers import ROOT, table, write_section
-from retrieval_data import DATASETS, half, in_processes, listed, signatures_of
-from unbend import Signature, compute_signature, embed, geodesic_matrix, read_mesh
+from retrieval_data import DATASETS, half, in_processes, listed, signatures_of, unit_distances
+from unbend import Signature, compute_signature, embed, read_mesh
 from unbend.descriptors.distribution import distance_distribution
 from unbend.descriptors.moments import moments
 from unbend.descriptors.quadrature import surface_quadrature
@@ -78,8 +78,7 @@ def _rows(dataset: str, signatures: list[Signature]) -> list[list[str]]:
 def _classical_eigenvalues(path: Path) -> np.ndarray:
     """Return the logarithms of the leading eigenvalues of classical scaling: the plainest spectral descriptor."""
     surface = read_mesh(path)
-    samples = compute_signature(surface, DEFAULTS, threads=1).samples
-    distances = geodesic_matrix(surface, samples, threads=1) / np.sqrt(surface.area)
+    distances = unit_distances(surface, compute_signature(surface, DEFAULTS, threads=1))
     found = embed(distances, EIGENVALUES, method="classical", threads=1).eigenvalues
     return np.log(np.maximum(found, 1e-9)).astype(np.float32)
 
@@ -117,7 +116,7 @@ def _unweighted(path: Path) -> dict[str, np.ndarray]:
     """Return descriptors that do not know what area a sample stands for."""
     surface = read_mesh(path)
     signature = compute_signature(surface, DEFAULTS, threads=1)
-    distances = geodesic_matrix(surface, signature.samples, threads=1) / np.sqrt(surface.area)
+    distances = unit_distances(surface, signature)
     even = np.full(len(distances), 1 / len(distances))
     return {
         "spectrum": geodesic_spectrum(distances, even),

@@ -15,13 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from peers import ROOT, table, write_section
-from retrieval_data import DATASETS, half, in_processes, listed
-from unbend import Parameters, compute_signature, geodesic_matrix, read_mesh
+from retrieval_data import DATASETS, half, in_processes, listed, unit_distances
+from unbend import Parameters, compute_signature, read_mesh
 from unbend.descriptors import moments as moments_module
 from unbend.descriptors.kernels import diffusion, exponential, gaussian, power
 from unbend.descriptors.moments import moments
 from unbend.descriptors.quadrature import surface_quadrature
 from unbend.descriptors.spectrum import geodesic_spectrum
+from unbend.matching.evaluate import RetrievalFigures
+from unbend.matching.evaluate.scores import score
 from unbend.matching.measures import get_vector_measure
 from unbend.matching.measures.combined import COMBINED
 
@@ -50,6 +52,7 @@ USED_MOMENTS = (
     moments_module.BLUR,
     tuple(place for place, axes in enumerate(MIXED) if axes not in moments_module.MIXED),
 )
+FIGURES = [list(RetrievalFigures.__dataclass_fields__).index(name) for name in ("nn", "ft", "st", "map")]
 SPLITS = 200
 
 Choice = tuple[tuple[str, int], ...]
@@ -68,7 +71,7 @@ def describe(path: Path) -> dict[str, Array]:
     """Return the logarithms of a mesh's eigenvalues under every kernel, and its other descriptors."""
     surface = read_mesh(path)
     signature = compute_signature(surface, Parameters(), threads=1)
-    distances = geodesic_matrix(surface, signature.samples, threads=1) / np.sqrt(surface.area)
+    distances = unit_distances(surface, signature)
     spectra = {
         name: geodesic_spectrum(distances, signature.weights, ((kernel, MOST),)) for name, kernel in KERNELS.items()
     }
@@ -100,17 +103,8 @@ class DataSet:
 
     def figures(self, distances: Array) -> Array:
         """Return NN, FT, ST and AP of each query, (n, 4)."""
-        rows = np.arange(len(self.labels))
-        apart = distances.copy()
-        apart[rows, rows] = np.inf
-        order = np.argsort(apart, axis=1, kind="stable")[:, :-1]
-        relevant = self.labels[order] == self.labels[:, None]
-        sizes, found = relevant.sum(axis=1), np.cumsum(relevant, axis=1)
-        precision = (found / np.arange(1, len(rows)) * relevant).sum(axis=1) / sizes
-        second = np.minimum(2 * sizes, len(rows) - 1)
-        return np.stack(
-            [relevant[:, 0], found[rows, sizes - 1] / sizes, found[rows, second - 1] / sizes, precision], axis=1
-        )
+        codes = np.unique(self.labels, return_inverse=True)[1].astype(np.int32)
+        return score(distances, codes, codes, np.arange(len(codes))).figures[:, FIGURES]
 
 
 def spectrum(of: DataSet, choice: Choice) -> Array:

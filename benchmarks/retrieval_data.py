@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from peers import DATA
-from unbend import Signature
+from unbend import Signature, Surface, geodesic_matrix
 from unbend.errors import UnbendError
 from unbend.jobs.batch import compute_paths
 from unbend.jobs.worker import initialise
@@ -48,6 +48,11 @@ def in_processes(function: Callable[[Any], Any], items: Sequence[Any]) -> list[A
         available_cores(), mp_context=get_context("spawn"), initializer=initialise, initargs=(None,)
     ) as pool:
         return list(pool.map(function, items, chunksize=4))
+
+
+def unit_distances(surface: Surface, signature: Signature) -> np.ndarray:
+    """Return the geodesic distances between a signature's samples, for a surface of area 1, (k, k)."""
+    return geodesic_matrix(surface, signature.samples, threads=1) / np.sqrt(surface.area)
 
 
 def half(labels: Sequence[str], which: int) -> np.ndarray[Any, np.dtype[np.bool]]:

@@ -91,17 +91,6 @@ def check(library: Library, path, query=(0.0, 0.0, 0.0), parameters=ONE) -> None
         assert {match.label: match.distance for match in ranking.classes} == classes
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "library.db"
-
-
-@pytest.fixture
-def library(path):
-    with Library(str(path)) as opened:
-        yield opened
-
-
 # Whole numbers, so that sums are exact and ties common.
 vectors = st.lists(st.integers(0, 2), min_size=WIDTH, max_size=WIDTH)
 labels = st.sampled_from([None, "a", "b", "c"])

@@ -46,17 +46,6 @@ def tables(path) -> dict[str, int]:
         connection.close()
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "library.db"
-
-
-@pytest.fixture
-def library(path):
-    with Library(str(path)) as opened:
-        yield opened
-
-
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory):
     """A library that tests only look at, and its ids by name."""

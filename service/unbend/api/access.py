@@ -13,6 +13,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from unbend.api.problems import respond
 from unbend.api.rate import RateLimit
+from unbend.api.requests import PREFIX
 from unbend.api.service import Service
 from unbend.api.settings import Settings
 from unbend.errors import (
@@ -29,19 +30,19 @@ from unbend.library.keys import KeyRecord, find_key, has_keys
 CALLER: Final = "unbend.caller"
 """Where in an ASGI scope it stands who calls: a key's id, "open" where none is needed, or "none"."""
 
-_FREE: Final = frozenset({"/v1/livez", "/v1/readyz"})
+_FREE: Final = frozenset({f"{PREFIX}/livez", f"{PREFIX}/readyz"})
 _PORT: Final = re.compile(r":\d*$")
 _READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 def is_guarded(path: str) -> bool:
     """Return whether a call of `path` needs a key where the service asks for keys."""
-    return path.startswith("/v1/") and path not in _FREE
+    return path.startswith(f"{PREFIX}/") and path not in _FREE
 
 
 def scope_of(method: str, path: str) -> Literal["read", "write"]:
     """Return what a key must allow for this call. A query stores no shape, so it reads."""
-    return "read" if method in _READING or (method, path) == ("POST", "/v1/queries") else "write"
+    return "read" if method in _READING or (method, path) == ("POST", f"{PREFIX}/queries") else "write"
 
 
 def is_loopback(host: object) -> bool:

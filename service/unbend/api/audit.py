@@ -10,10 +10,11 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from unbend.api.access import CALLER, is_guarded, scope_of
+from unbend.api.requests import PREFIX
 
 logger = logging.getLogger("unbend.audit")
 
-_JOBS: Final = "/v1/jobs/"
+_JOBS: Final = f"{PREFIX}/jobs/"
 
 
 class Audit:

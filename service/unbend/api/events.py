@@ -19,8 +19,8 @@ HEARTBEAT_SECONDS: Final = 15.0
 
 RETRY_MILLISECONDS: Final = 2000
 
-HEADERS: Final = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-"""No proxy may keep events, nor hold them back: the second is nginx' word for that."""
+HEADERS: Final = {"X-Accel-Buffering": "no"}
+"""No proxy may hold events back: this is nginx' word for that. That none may keep them all answers say."""
 
 _ROUND: Final = 1_000_000
 _STEP: Final = 100_000

@@ -11,6 +11,8 @@ from typing import Final
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from unbend.api.requests import PREFIX
+
 _ALWAYS: Final = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -28,7 +30,7 @@ _INLINE_SCRIPT: Final = re.compile(rb"<script>(.*?)</script>", re.DOTALL)
 
 def headers_for(path: str) -> dict[str, str]:
     """Return the headers of an answer to a call of `path`: what the API tells is for its caller only."""
-    return _ALWAYS | ({"Cache-Control": "no-store"} if path.startswith("/v1/") else {})
+    return _ALWAYS | ({"Cache-Control": "no-store"} if path.startswith(f"{PREFIX}/") else {})
 
 
 class SecurityHeaders:

@@ -96,7 +96,7 @@ def _evaluation(measure: VectorMeasure, queries: Sequence[Computed], gallery: Se
     if not held:
         raise ParameterError("none of the gallery's files can be used")
     shelf = np.stack(held)
-    distances = np.array([measure.distances(vector, shelf) for vector in asked]).reshape(-1, len(held))
+    distances = measure.between(np.array(asked, shelf.dtype).reshape(-1, shelf.shape[1]), shelf)
     failed = [str(item.file.label) for item in queries if not item.signature]
     return evaluated(distances, asked_labels, held_labels, unanswered=failed)
 

@@ -35,6 +35,8 @@ from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
 
+_TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
+
 
 @dataclass(frozen=True)
 class StoredMesh:
@@ -150,15 +152,11 @@ def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes
 def warm_up() -> bool:
     """Compile or load every kernel by comparing two small signatures, so that nobody waits for the first answer."""
     first, second = (
-        compute_signature(read_mesh(f"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {z}\n{_SIDES}".encode()), threads=1)
-        for z in (1, 2)
+        compute_signature(read_mesh(_TETRAHEDRON.format(height=height).encode()), threads=1) for height in (1, 2)
     )
     for measure in MEASURES:
         compare(first, second, measure)
     return True
-
-
-_SIDES = "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
 
 def _read(mesh: StoredMesh) -> Surface:

@@ -121,8 +121,6 @@ def evaluation_of(held: Held, measure: VectorMeasure) -> Evaluation:
     asked = np.arange(len(labelled))
     if len(labelled) > affordable:
         asked = np.linspace(0, len(labelled) - 1, affordable).astype(np.int64)
-    distances = np.empty((len(asked), len(labelled)))
-    for row, query in enumerate(asked):
-        distances[row] = measure.distances(vectors[query], vectors)
+    distances = measure.between(vectors[asked], vectors)
     labels = [gallery.labels[code] for code in gallery.codes[labelled]]
     return evaluate(distances, [labels[query] for query in asked], labels, own=asked)

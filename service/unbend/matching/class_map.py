@@ -60,7 +60,7 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
         If `dimensions` or `threads` is below 1.
     """
     landmarks = _landmarks(vectors, measure)
-    distances = measure.matrix(vectors[landmarks]) if len(landmarks) else np.empty((0, 0))
+    distances = measure.matrix(vectors[landmarks])
     if not distances.any():  # no shape, one, or copies of one: embedding has no scale to work in
         return ClassMap(np.zeros((len(vectors), dimensions)), 0.0, landmarks)
     # Distances may be 1e-4 or 1e4, by measure; what follows takes them near 1.
@@ -68,7 +68,7 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
     found = embed(distances / unit, dimensions, threads=threads).points
     points = found
     if len(landmarks) < len(vectors):
-        squared = np.stack([measure.distances(vectors[row], vectors) for row in landmarks[:_GUIDES]]) / unit
+        squared = measure.between(vectors[landmarks[:_GUIDES]], vectors) / unit
         points = extend(found, landmarks, np.square(squared, dtype=np.float32), refine=dimensions > 1, threads=threads)
         points[landmarks] = found
     posed = principal_pose(points * unit, np.ones(len(points)))

@@ -45,4 +45,4 @@ async def capacity(service: ServiceDependency) -> Capacity:
 async def metrics(service: ServiceDependency) -> Response:
     """Return figures of load, jobs, requests and the process, as Prometheus reads them."""
     text = await service.metrics.text(service.runner, service.library)
-    return Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST, "Cache-Control": "no-store"})
+    return Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST})

@@ -46,6 +46,6 @@ def spacing(query: Query, code: int) -> tuple[float, Floats]:
     if len(near) < 2:
         return float(query.nearest[code]), np.empty(0)
     vectors = query.gallery.vectors[near]
-    own = np.stack([query.measure.distances(vector, vectors) for vector in vectors[:_ASKED]])
+    own = query.measure.between(vectors[:_ASKED], vectors)
     np.fill_diagonal(own, np.inf)
     return float(query.nearest[code]), own.min(axis=1)

@@ -64,9 +64,16 @@ class VectorMeasure:
         """Return the distance from `query` (d,) to each row of `gallery` (n, d), as (n,)."""
         return scan(query, gallery)
 
+    def between(self, queries: Singles, gallery: Singles) -> Floats:
+        """Return the distance from each row of `queries` (q, d) to each of `gallery` (n, d), as (q, n)."""
+        found = np.empty((len(queries), len(gallery)))
+        for row, query in enumerate(queries):
+            found[row] = self.distances(query, gallery)
+        return found
+
     def matrix(self, vectors: Singles) -> Floats:
         """Return all distances between the rows of `vectors` (n, d), as (n, n)."""
-        return np.stack([self.distances(vector, vectors) for vector in vectors])
+        return self.between(vectors, vectors)
 
     def distance(self, a: Signature, b: Signature) -> float:
         """Return how far `a` and `b` are apart."""

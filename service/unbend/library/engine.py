@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,6 +16,7 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event
 from sqlalchemy.exc import ArgumentError, DatabaseError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
+from unbend.library.memory import Memory
 
 T = TypeVar("T")
 
@@ -53,6 +54,7 @@ class Store:
             event.listen(self._engine, "begin", _begin_sqlite)
         if migrate:
             _migrate(self._engine)
+        self._memory = Memory(self._engine) if self._is_file else None
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -70,12 +72,23 @@ class Store:
             with self._turn, self._engine.begin() as connection:
                 yield connection
 
-    async def fetch(self, look: Callable[[Connection], T]) -> T:
+    async def fetch(self, look: Callable[[Connection], T], question: Hashable = None) -> T:
         """Return what `look`, a matter of a few rows, finds, without holding up the event loop.
 
         From a file that is done at once: it takes less than going to a thread and back, and no writer is waited for.
+
+        Parameters
+        ----------
+        look : callable
+        question : hashable, optional
+            A name for what is looked for. Where it was found before, and nothing was written since, it is not looked
+            for again.
         """
-        return self._look(look) if self._is_file else await asyncio.to_thread(self._look, look)
+        if self._memory is None:
+            return await asyncio.to_thread(self._look, look)
+        if question is None:
+            return self._look(look)
+        return self._memory.recall(question, lambda: self._look(look))
 
     def _look(self, look: Callable[[Connection], T]) -> T:
         with self.read() as connection:
@@ -83,6 +96,8 @@ class Store:
 
     def close(self) -> None:
         """Close all connections."""
+        if self._memory:
+            self._memory.close()
         self._engine.dispose()
 
 

@@ -8,14 +8,14 @@ import signal
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from footprint import processes_with
-from load import Caller
+from load import Caller, in_threads
 from server import READY_SECONDS, Server
 
 _PROCESSES_END_SECONDS = 20.0
@@ -71,7 +71,7 @@ class Crashes:
     def finish(self) -> None:
         """Start a last server, wait until all jobs have ended, and compare everything."""
         with Server(self._folder) as server:
-            _in_threads([lambda caller=caller: caller.settle(server.url) for caller in self.callers])
+            in_threads(lambda caller=caller: caller.settle(server.url) for caller in self.callers)
             self._compare(server, everything=True)
 
     def _compare(self, server: Server, *, everything: bool = False) -> int:
@@ -125,11 +125,3 @@ class Crashes:
 
     def _acknowledged(self) -> int:
         return sum(caller.acknowledged for caller in self.callers)
-
-
-def _in_threads(functions: Sequence) -> None:
-    threads = [threading.Thread(target=function) for function in functions]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -198,7 +199,9 @@ class Caller:
             return
         pending = self._pending.pop(job_id)
         if job["state"] not in pending.ends:
-            self.faults.append(f"job {job_id} must come to {'/'.join(pending.ends)}, and {job['state']}: {job['error']}")
+            self.faults.append(
+                f"job {job_id} must come to {'/'.join(pending.ends)}, and {job['state']}: {job['error']}"
+            )
         self.ended[job_id] = job
         self._recent.add(job_id)
         if job["shape_id"]:
@@ -253,3 +256,23 @@ class Caller:
 
     def _http(self, url: str) -> httpx.Client:
         return httpx.Client(base_url=url, timeout=90.0)
+
+
+def work(callers: Sequence[Caller], url: str, jobs: int) -> None:
+    """Have callers send so many jobs together, at once and at random, and wait until all have ended."""
+
+    def share(caller: Caller) -> None:
+        enough = caller.acknowledged + jobs // len(callers)
+        caller.run(url, lambda: caller.acknowledged < enough)
+        caller.settle(url)
+
+    in_threads(lambda caller=caller: share(caller) for caller in callers)
+
+
+def in_threads(functions: Iterable[Callable[[], object]]) -> None:
+    """Run functions side by side until all have ended."""
+    threads = [threading.Thread(target=function) for function in functions]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()

@@ -23,7 +23,7 @@ MOMENTS: Final = ("computing", "sending", "taking", "idle")
 """While it computes, at any stage; in the middle of sending a result; as it takes a job; with nothing to do."""
 
 PATIENCE: Final = 60.0
-LARGE: Final = {"samples": 1200}
+LARGE: Final = {"samples": 1000}
 """A result larger than a pipe holds."""
 
 _WORKERS_PATIENCE: Final = 60.0
@@ -80,7 +80,7 @@ class WorkerKiller:
 
     def _sending(self) -> Kill:
         workers = self._idle_workers()
-        jobs = [self._send(50, 40, LARGE) for _ in range(3)] + [self._send(10, 6, SAMPLES) for _ in range(2)]
+        jobs = [self._send(40, 30, LARGE) for _ in range(2)] + [self._send(10, 6, SAMPLES) for _ in range(2)]
         self._until(lambda: "embedding" in self._reported().values())
         with self._stopped([self._server.process.pid]):  # nobody reads: a result fills the pipe
             self._until(lambda: self._stay_asleep(workers))

@@ -21,6 +21,12 @@ def called(tmp_path_factory):
         yield running
 
 
+@pytest.fixture(scope="module")
+def killer(called):
+    with called.http() as http:
+        yield WorkerKiller(called, http, np.random.default_rng(2))
+
+
 def test_many_jobs_leave_no_handles_and_no_threads(called):
     callers = [Caller(number, 1, most_kept=5) for number in range(4)]
     work(callers, called.url, 100)
@@ -35,9 +41,8 @@ def test_many_jobs_leave_no_handles_and_no_threads(called):
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_a_worker_killed_at_any_moment_costs_one_job_an_attempt_at_most(called, moment):
-    with called.http() as http:
-        kill = WorkerKiller(called, http, np.random.default_rng(2)).kill(moment)
+def test_a_worker_killed_at_any_moment_costs_one_job_an_attempt_at_most(killer, moment):
+    kill = killer.kill(moment)
     assert kill.faults == ()
     assert kill.hit <= 1
     assert kill.seconds < PATIENCE

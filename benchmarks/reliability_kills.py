@@ -49,7 +49,8 @@ def progress(message: str) -> None:
 def kill_workers(count: int, seed: int) -> Report:
     """Kill a worker `count` times, with jobs in hand and waiting beside."""
     random = np.random.default_rng(seed)
-    moments = random.choice(MOMENTS, count, p=[SHARES[moment] for moment in MOMENTS])
+    places = np.searchsorted(np.cumsum([SHARES[moment] for moment in MOMENTS]), (np.arange(count) + 0.5) / count)
+    moments = random.permutation([MOMENTS[place] for place in places])
     kills: list[Kill] = []
     with TemporaryDirectory() as folder, Server(Path(folder), workers=WORKERS) as server, server.http() as http:
         killer = WorkerKiller(server, http, random)

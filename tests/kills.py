@@ -82,10 +82,13 @@ class WorkerKiller:
         workers = self._idle_workers()
         jobs = [self._send(40, 30, LARGE) for _ in range(2)] + [self._send(10, 6, SAMPLES) for _ in range(2)]
         self._until(lambda: "embedding" in self._reported().values())
+        reported = self._reported()
         with self._stopped([self._server.process.pid]):  # nobody reads: a result fills the pipe
             self._until(lambda: self._stay_asleep(workers))
             sending = [pid for pid in workers if writes_to_a_pipe(pid)]
-            return self._after("sending", jobs, self._random.choice(sending or workers), in_a_pipe=bool(sending))
+            return self._after(
+                "sending", jobs, self._random.choice(sending or workers), reported, in_a_pipe=bool(sending)
+            )
 
     def _taking(self) -> Kill:
         workers = self._idle_workers()
@@ -115,10 +118,11 @@ class WorkerKiller:
         return Sent(kind, response.json()["id"], data)
 
     def _after(
-        self, moment: str, jobs: list[Sent], victim: int | None, *, most: int = 1, in_a_pipe: bool = False
-    ) -> Kill:
+        self, moment: str, jobs: list[Sent], victim: int | None, reported: dict[str, str] | None = None,
+        *, most: int = 1, in_a_pipe: bool = False,
+    ) -> Kill:  # fmt: skip
         """Kill, let a stopped server go on, wait, and compare what was with what must be."""
-        reported = self._reported()
+        stages = self._reported() if reported is None else reported
         if victim is not None:
             os.kill(victim, signal.SIGKILL)
         os.kill(self._server.process.pid, signal.SIGCONT)
@@ -129,7 +133,7 @@ class WorkerKiller:
         faults = [fault for sent, job in zip(jobs, ended, strict=True) for fault in self._faults(sent, job)]
         if len(hit) > most:
             faults.append(f"{moment}: {len(hit)} jobs were begun twice where one process was killed")
-        stage = reported.get(hit[0]) if hit else None
+        stage = stages.get(hit[0]) if hit else None
         return Kill(moment, len(jobs), len(hit), stage, in_a_pipe, seconds, tuple(faults))
 
     def _ended(self, sent: Sent, end: float) -> dict:
@@ -145,13 +149,9 @@ class WorkerKiller:
             yield f"shape {job['shape_id']} is not what was sent"
 
     def _reported(self) -> dict[str, str]:
-        """The stage that each running job has reported last, from where workers report: quicker than asking."""
-        found = {}
-        for path in self._server.temporary.glob("unbend-*/*"):
-            with contextlib.suppress(OSError, ValueError):
-                if len(path.name) == 32:
-                    found[path.name] = path.read_text().split()[0]
-        return found
+        """The stage that each running job has reported last."""
+        running = self._http.get("/v1/jobs", params={"state": "running"}).raise_for_status().json()["items"]
+        return {job["id"]: job["stage"] for job in running}
 
     def _any_worker(self) -> int | None:
         workers = self._server.workers()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from ipaddress import ip_address
 from typing import Final, Literal, cast
 
@@ -32,6 +32,9 @@ CALLER: Final = "unbend.caller"
 
 _FREE: Final = frozenset({f"{PREFIX}/livez", f"{PREFIX}/readyz"})
 _PORT: Final = re.compile(r":\d*$")
+_MOST_HOSTS: Final = 1024
+"""Of which it is remembered what they are: every request asks of its own, and most are the same."""
+
 _READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -45,6 +48,7 @@ def scope_of(method: str, path: str) -> Literal["read", "write"]:
     return "read" if method in _READING or (method, path) == ("POST", f"{PREFIX}/queries") else "write"
 
 
+@lru_cache(_MOST_HOSTS)
 def is_loopback(host: object) -> bool:
     """Return whether an address is one that only this machine can reach."""
     try:
@@ -135,6 +139,7 @@ def _is_local(scope: Scope, headers: Headers) -> bool:
     return all(map(is_loopback, (here, client, _PORT.sub("", headers.get("host", "")).strip("[]"))))
 
 
+@lru_cache(_MOST_HOSTS)
 def _is_address(host: str) -> bool:
     try:
         ip_address(host)

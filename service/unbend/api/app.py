@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from fastapi.responses import RedirectResponse
 from fastapi_offline import FastAPIOffline
 from starlette.middleware.cors import CORSMiddleware
@@ -56,10 +56,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app = FastAPIOffline(
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
     )
-    api = APIRouter(prefix=PREFIX)
     for room in (shapes, jobs, queries, overview, health):
-        api.include_router(room.router)
-    app.include_router(api)
+        app.include_router(room.router, prefix=PREFIX)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     _add_middleware(app, chosen, metrics)
     problems.install(app)

@@ -23,7 +23,7 @@ class Service:
     metrics: Metrics
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:  # async, or FastAPI would go to a thread for it
     return cast("Service", request.app.state.service)
 
 

@@ -25,6 +25,7 @@ from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
 from unbend.library.records import JobKind, JobRecord, JobState, ShapeRecord
+from unbend.mesh.limits import MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
 
@@ -47,6 +48,7 @@ class JobLimits:
     restarts: int = 10
     """Times the whole server may be lost while a job is in hand: seldom that job's fault, but it may be."""
     drain_seconds: float = 20.0
+    mesh: MeshLimits = MeshLimits(vertices=2_000_000, faces=4_000_000)
 
 
 @dataclass(frozen=True)
@@ -279,7 +281,7 @@ class JobRunner:
 
     def _task(self, job: JobRecord) -> Task:
         policy = MeshPolicy.from_json(job.policy)
-        mesh = StoredMesh(self._library.store.url, job.mesh_sha256 or "", job.file_type, policy)
+        mesh = StoredMesh(self._library.store.url, job.mesh_sha256 or "", job.file_type, policy, self.limits.mesh)
         return Task(job.id, mesh, self._progress_folder, job.parameters)
 
     async def _fail(self, job: JobRecord, error: Exception) -> None:

@@ -3,8 +3,8 @@
     python benchmarks/fuzz.py [COUNT] [--seed SEED] [--print]
     python benchmarks/fuzz.py --show FORMAT NUMBER > mesh
 
-COUNT files, 100,000 by default, are made by tests/fuzzing.py from small valid ones, evenly of each format, and sent over
-HTTP, one of ten as a shape and the others as queries. The second form writes one of them. Writes "fuzz" of
+COUNT files, 100,000 by default, are made by tests/fuzzing.py from small valid ones, evenly of each format, and sent
+over HTTP, one of ten as a shape and the others as queries. The second form writes one of them. Writes "fuzz" of
 docs/reliability.md, and ends with 1 where anything went wrong.
 """
 
@@ -47,7 +47,7 @@ SEED = 1
 
 REFUSALS = {"mesh_format"}
 FAILURES = {"mesh_format", "mesh_read", "mesh_geometry", "mesh_too_large"}
-"""Codes that small files may be refused and fail with; those of limits are none of them, for no small file needs much."""
+"""Codes that jobs may fail with; those of limits of time and memory are none, for no small file needs much."""
 
 
 @dataclass
@@ -128,10 +128,16 @@ class Run:
     def _note_job(self, kind: str, number: int, job: dict[str, Any]) -> None:
         tally, code = self.tallies[kind], job["error"]["code"] if job["error"] else job["state"]
         tally.ended[code] += 1
-        seconds = (datetime.fromisoformat(job["finished_at"]) - datetime.fromisoformat(job["started_at"])).total_seconds()
+        seconds = (
+            datetime.fromisoformat(job["finished_at"]) - datetime.fromisoformat(job["started_at"])
+        ).total_seconds()
         if seconds > tally.slowest:
             tally.slowest, tally.slowest_number = seconds, number
-        if code not in FAILURES | {"succeeded"} or job["attempts"] != 1 or (job["error"] and not job["error"]["message"]):
+        if (
+            code not in FAILURES | {"succeeded"}
+            or job["attempts"] != 1
+            or (job["error"] and not job["error"]["message"])
+        ):
             self.faults.append(f"{kind} {number}: job {code}, {job['attempts']} attempts: {job['error']}")
 
 
@@ -217,13 +223,13 @@ def report(run: Run, seconds: float, seed: int, faults: list[str]) -> str:
     total = sum(tally.files for tally in run.tallies.values())
     peak = run.peak
     told = (
-        f"{total:,} damaged files (seed {seed}) in {seconds:,.0f} s, {total / seconds:.0f} a second, sent to a server with "
-        f"{WORKERS} workers that may take {SECONDS} s and {MEMORY_MB:,} MB for a job. Most memory: the server "
-        f"{peak.server / 2**20:.0f} MB, a worker {peak.worker / 2**20:.0f} MB. "
+        f"{total:,} damaged files (seed {seed}) in {seconds:,.0f} s, {total / seconds:.0f} a second, sent to a server "
+        f"with {WORKERS} workers that may take {SECONDS} s and {MEMORY_MB:,} MB for a job. Most memory: the server "
+        f"{peak.server / 2**20:.0f} MB, a worker {peak.worker / 2**20:.0f} MB."
     )
     verdict = "\n".join(f"- {fault}" for fault in faults[:20]) or (
-        "Every file was answered, each refusal and failure with one of the codes below and a sentence; no worker died or "
-        "was stopped, the log has no error, and the library's integrity check says ok."
+        "Every file was answered, each refusal and failure with one of the codes below and a sentence; no worker died "
+        "or was stopped, the log has no error, and the library's integrity check says ok."
     )
     return f"{told}\n\n{verdict}\n\n{table(header, rows)}"
 

@@ -20,10 +20,10 @@ Rng = np.random.Generator
 Mutation = Callable[[bytes, Rng], bytes]
 
 NUMBERS = (
-    b"0", b"-1", b"1", b"2147483647", b"2147483648", b"-2147483649", b"4294967295", b"99999999999", b"9223372036854775808",
-    b"1000000000", b"-1000000000", b"1e308", b"-1e308", b"1e309", b"1e-320", b"1e999999", b"nan", b"-nan", b"inf", b"-inf",
-    b"0x10", b"0x", b"1_0", b"1,5", b"1.5", b".5", b"5.", b"+7", b"--7", b"", b"1e", b"\xd9\xa3", b"\xef\xbc\x93", b"9" * 400,
-    b"9" * 5000, b"true", b"null",
+    b"0", b"-1", b"1", b"2147483647", b"2147483648", b"-2147483649", b"4294967295", b"99999999999", b"1000000000",
+    b"9223372036854775808", b"-1000000000", b"1e308", b"-1e308", b"1e309", b"1e-320", b"1e999999", b"nan", b"-nan",
+    b"inf", b"-inf", b"0x10", b"0x", b"1_0", b"1,5", b"1.5", b".5", b"5.", b"+7", b"--7", b"", b"1e", b"\xd9\xa3",
+    b"\xef\xbc\x93", b"9" * 400, b"9" * 5000, b"true", b"null",
 )  # fmt: skip
 """Numbers, and what may look like one."""
 
@@ -200,6 +200,7 @@ def _glb() -> list[bytes]:
     stride = [layout["bufferViews"][0] | {"byteStride": 12, "target": 34962}, layout["bufferViews"][1]]
     empty = [{key: value for key, value in accessor.items() if key != "bufferView"} for accessor in accessors]
     draco = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+    embedded = [{"uri": "data:;base64," + base64.b64encode(data).decode(), "byteLength": len(data)}]
     return [
         write_mesh(vertices, faces, "glb"),
         write_mesh(vertices, faces, "glb", colours=np.full((len(vertices), 3), 0.5)),
@@ -210,7 +211,7 @@ def _glb() -> list[bytes]:
         glb(layout | {"accessors": sparse}, data),
         glb(layout | {"bufferViews": stride}, data),
         glb(layout | {"meshes": [{"primitives": [plain, plain | {"mode": 5}, plain | {"mode": 6}]}]}, data),
-        glb(layout | {"buffers": [{"uri": "data:;base64," + base64.b64encode(data).decode(), "byteLength": len(data)}]}),
+        glb(layout | {"buffers": embedded}),
         glb(layout | {"buffers": [{"uri": "other.bin", "byteLength": 60}]}),
         glb(layout | {"images": [{"uri": "http://127.0.0.1:9/x.png"}], "textures": [{"source": 0}]}, data),
         glb(layout | {"accessors": empty, "extensionsUsed": list(draco),
@@ -326,7 +327,7 @@ def _swap_words(data: bytes, rng: Rng) -> bytes:
 
 
 def _change_layout(data: bytes, rng: Rng) -> bytes:
-    """Change a value somewhere in the JSON of a glb, its lengths made right again; other files get a number replaced."""
+    """Change a value in the JSON of a glb, and make its lengths right again; other files get a number replaced."""
     if not data.startswith(b"glTF") or len(data) < 20:
         return _replace_number(data, rng)
     size = struct.unpack_from("<I", data, 12)[0]
@@ -341,8 +342,9 @@ def _change_layout(data: bytes, rng: Rng) -> bytes:
 
 def _change_inside(value: object, rng: Rng) -> None:
     strange = (
-        None, True, -1, 0, 1, 2, 3, 4, 5, 6, 5121, 5123, 5125, 5126, 1.5, 10**9, 2**31, 2**63, 10**30, "x", "", "SCALAR", "VEC2",
-        "VEC3", "MAT4", [], [0], [0, 0], {}, {"bufferView": 0}, [[[]]], 1e308, float("nan"), "../../etc/passwd", [0] * 16,
+        None, True, -1, 0, 1, 2, 3, 4, 5, 6, 5121, 5123, 5125, 5126, 1.5, 10**9, 2**31, 2**63, 10**30, "x", "",
+        "SCALAR", "VEC2", "VEC3", "MAT4", [], [0], [0, 0], {}, {"bufferView": 0}, [[[]]], 1e308, float("nan"),
+        "../../etc/passwd", [0] * 16,
     )  # fmt: skip
     while isinstance(value, dict | list) and value:
         keys = list(value) if isinstance(value, dict) else range(len(value))

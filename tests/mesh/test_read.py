@@ -93,7 +93,8 @@ def test_the_content_decides_and_not_the_name():
     ("data", "error", "message"),
     [
         (b"", MeshFormatError, "empty"),
-        (b"PK\x03\x04 a zip file", MeshFormatError, "no format we know"),
+        (b"PK\x03\x04 a zip file", MeshFormatError, "zip"),
+        (b"\x89PNG", MeshFormatError, "no format we know"),
         (OFF.replace(b"1 1 0\n", b"1 1\n"), MeshReadError, "line 6"),
         (OFF.replace(b"1.5", b"abc"), MeshReadError, "line 8"),
         (OFF[: OFF.index(b"3 0 1 4")], MeshReadError, "ends early"),

@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from pebble import ProcessExpired
 
@@ -32,6 +32,8 @@ from unbend.signature.parameters import Parameters
 logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
 
+MESH_LIMITS: Final = MeshLimits(vertices=2_000_000, faces=4_000_000)
+
 _RETRY_SECONDS = 1.0
 _LOOK_SECONDS = 0.25  # between two looks at a job that somebody follows
 
@@ -48,7 +50,7 @@ class JobLimits:
     restarts: int = 10
     """Times the whole server may be lost while a job is in hand: seldom that job's fault, but it may be."""
     drain_seconds: float = 20.0
-    mesh: MeshLimits = MeshLimits(vertices=2_000_000, faces=4_000_000)
+    mesh: MeshLimits = MESH_LIMITS
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from unbend.errors import MeshError, MeshReadError
 from unbend.mesh.formats.announced import announced
 from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.formats.glb import read_glb
+from unbend.mesh.formats.ply import read_ply
 from unbend.mesh.formats.quick import QUICK
-from unbend.mesh.formats.text import bare_obj, check_off, check_ply, check_ply_lists
+from unbend.mesh.formats.text import bare_obj, check_off
 from unbend.mesh.limits import UNLIMITED, MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
@@ -25,7 +26,7 @@ from unbend.mesh.rows import equal_points
 from unbend.mesh.surface import Surface
 
 _PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj}
-_CHECK: dict[str, Callable[[bytes], None]] = {"off": check_off, "ply": check_ply}
+_CHECK: dict[str, Callable[[bytes], None]] = {"off": check_off}
 
 
 def read_mesh(
@@ -101,6 +102,8 @@ def _parse(data: bytes, kind: str, limits: MeshLimits) -> tuple[Floats, Indices]
             warnings.simplefilter("ignore", RuntimeWarning)
             if kind == "glb":
                 return read_glb(data, limits)
+            if kind == "ply":
+                return read_ply(data)
             loaded = _load(data, kind)
     except MeshError:
         raise
@@ -126,8 +129,6 @@ def _load(data: bytes, kind: str) -> Any:
     parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     if not parts:
         raise MeshReadError(f"the {kind} file holds no triangles")
-    if kind == "ply":
-        check_ply_lists(parts[0].metadata["_ply_raw"]["face"]["data"])
     return parts[0] if len(parts) == 1 else trimesh.util.concatenate(parts)
 
 

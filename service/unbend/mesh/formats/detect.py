@@ -14,6 +14,11 @@ FORMATS: Final = ("off", "obj", "ply", "stl", "glb")
 _OFF = re.compile(rb"^(\s|#[^\n]*\n)*(ST)?C?N?OFF\b", re.IGNORECASE)
 _OBJ = re.compile(rb"^\s*(v|f)\s+[-+.\d]", re.MULTILINE)
 _HEAD = 4096
+_PACKED: Final = {
+    b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz",
+    b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "rar", b"\x28\xb5\x2f\xfd": "zstd", b"DRACO": "Draco",
+}  # fmt: skip
+"""How packed files begin; whatever they are called, nothing is unpacked."""
 
 
 def detect_format(data: bytes, hint: str | None = None) -> str:
@@ -29,11 +34,13 @@ def detect_format(data: bytes, hint: str | None = None) -> str:
     Raises
     ------
     MeshFormatError
-        If the content is of no known format and the hint is none either.
+        If the content is of no known format and the hint is none either, or the file is packed.
     """
     found = _by_content(data)
     if found:
         return found
+    if packing := _packing(data):
+        raise MeshFormatError(f"the file is packed ({packing}), and nothing is unpacked: send the mesh itself")
     if hint in FORMATS:
         return hint
     what = "empty" if not data.strip() else f"a .{hint} file" if hint else "of no format we know"
@@ -53,6 +60,12 @@ def _by_content(data: bytes) -> str | None:
     if b"\0" not in head and (_OBJ.search(head) or _OBJ.search(data)):
         return "obj"
     return None
+
+
+def _packing(data: bytes) -> str | None:
+    if data[257:262] == b"ustar":
+        return "tar"
+    return next((name for beginning, name in _PACKED.items() if data.startswith(beginning)), None)
 
 
 def _is_binary_stl(data: bytes) -> bool:

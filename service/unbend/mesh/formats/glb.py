@@ -11,8 +11,6 @@ import base64
 import json
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -47,14 +45,23 @@ def read_glb(data: bytes, limits: MeshLimits) -> tuple[Floats, Indices]:
     """
     glb = _Glb(*_chunks(data))
     glb.check_extensions()
-    parts = list(glb.parts())
-    limits.check(sum(glb.count(part.positions) for part in parts), sum(glb.triangles(part) for part in parts))
-    meshes = [glb.mesh(part) for part in parts]
-    if not meshes:
+    vertices = triangles = 0
+    for mesh, _ in glb.instances():
+        size = glb.size(mesh)
+        vertices, triangles = vertices + size[0], triangles + size[1]
+        limits.check(vertices, triangles)
+    parts = [placed(*glb.mesh(mesh), matrix) for mesh, matrix in glb.instances() if glb.size(mesh)[1]]
+    if not parts:
         raise MeshReadError("the glb file holds no triangles")
-    firsts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
-    faces = [faces + first for (_, faces), first in zip(meshes, firsts, strict=True)]
-    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+    return _joined(parts)
+
+
+def _joined(parts: list[tuple[Floats, Indices]]) -> tuple[Floats, Indices]:
+    if len(parts) == 1:
+        return parts[0]
+    firsts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
+    faces = [faces + first for (_, faces), first in zip(parts, firsts, strict=True)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
@@ -78,56 +85,62 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
     return layout, found.get(_BINARY, b"")
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Primitives of one mesh with the same positions, and their place."""
-
-    positions: int
-    primitives: list[dict[str, Any]]
-    matrix: Floats
-
-
-@dataclass(frozen=True)
 class _Glb:
-    """A layout and the bytes it speaks of."""
+    """A layout and the bytes it speaks of. Meshes are known by their index; what is found of one is kept."""
 
-    layout: dict[str, Any]
-    binary: bytes
+    def __init__(self, layout: dict[str, Any], binary: bytes) -> None:
+        self.layout = layout
+        self._binary = binary
+        self._buffers: dict[int, bytes] = {}
+        self._sizes: dict[int, tuple[int, int]] = {}
+        self._meshes: dict[int, tuple[Floats, Indices]] = {}
 
     def check_extensions(self) -> None:
         for name in self.layout.get("extensionsRequired", ()):
             if not str(name).startswith(_HARMLESS):
-                raise MeshFormatError(f"the glb file needs {name!r}, which is not read: export it without")
+                raise MeshFormatError(f"the glb file needs {_shown(name)}, which is not read: export it without")
 
-    def parts(self) -> Iterator[_Part]:
-        for mesh, matrix in self._placed_meshes():
-            groups: dict[int, list[dict[str, Any]]] = {}
-            for primitive in mesh["primitives"]:
-                if primitive.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP, _FAN):
-                    groups.setdefault(primitive["attributes"]["POSITION"], []).append(primitive)
-            yield from (_Part(positions, primitives, matrix) for positions, primitives in groups.items())
+    def size(self, mesh: int) -> tuple[int, int]:
+        """Return how many vertices and triangles a mesh announces."""
+        if mesh not in self._sizes:
+            groups = self._groups(mesh)
+            triangles = sum(self._triangles(primitive) for group in groups.values() for primitive in group)
+            self._sizes[mesh] = sum(map(self._count, groups)), triangles
+        return self._sizes[mesh]
 
-    def count(self, accessor: int) -> int:
+    def mesh(self, mesh: int) -> tuple[Floats, Indices]:
+        """Return vertices and faces of a mesh, where no node has moved it yet."""
+        if mesh not in self._meshes:
+            parts = []
+            for positions, primitives in self._groups(mesh).items():
+                vertices = self._values(positions, "VEC3").astype(np.float64)
+                faces = np.concatenate([self._faces(primitive, len(vertices)) for primitive in primitives])
+                parts.append((vertices, faces))
+            self._meshes[mesh] = _joined(parts)
+        return self._meshes[mesh]
+
+    def _groups(self, mesh: int) -> dict[int, list[dict[str, Any]]]:
+        """Return a mesh's primitives that have triangles, by the accessor of their positions."""
+        groups: dict[int, list[dict[str, Any]]] = {}
+        for primitive in _item(self.layout["meshes"], mesh)["primitives"]:
+            mode = primitive.get("mode", _TRIANGLES)
+            if mode in (_TRIANGLES, _STRIP, _FAN) and self._triangles(primitive):
+                groups.setdefault(primitive["attributes"]["POSITION"], []).append(primitive)
+        return groups
+
+    def _count(self, accessor: int) -> int:
         """Return how many elements an accessor announces."""
         count = _item(self.layout["accessors"], accessor)["count"]
-        if not isinstance(count, int) or count < 0:
-            raise MeshReadError(f"accessor {accessor} has no count")
+        if type(count) is not int or count < 0:
+            raise MeshReadError(f"accessor {accessor} of the glb file has no count")
         return count
 
-    def triangles(self, part: _Part) -> int:
-        return sum(self._primitive_triangles(primitive) for primitive in part.primitives)
-
-    def mesh(self, part: _Part) -> tuple[Floats, Indices]:
-        vertices = self._values(part.positions, "VEC3").astype(np.float64)
-        faces = np.concatenate([self._faces(primitive, len(vertices)) for primitive in part.primitives])
-        return placed(vertices, faces, part.matrix)
-
-    def _primitive_triangles(self, primitive: dict[str, Any]) -> int:
-        corners = self.count(primitive.get("indices", primitive["attributes"]["POSITION"]))
+    def _triangles(self, primitive: dict[str, Any]) -> int:
+        corners = self._count(primitive.get("indices", primitive["attributes"]["POSITION"]))
         return corners // 3 if primitive.get("mode", _TRIANGLES) == _TRIANGLES else max(0, corners - 2)
 
-    def _placed_meshes(self) -> Iterator[tuple[dict[str, Any], Floats]]:
-        """Walk down from the roots; a node has one parent at most, so this ends."""
+    def instances(self) -> Iterator[tuple[int, Floats]]:
+        """Yield each node's mesh and place, from the roots down; a node has one parent at most, so this ends."""
         nodes = self.layout.get("nodes", [])
         waiting = [(root, np.eye(4)) for root in reversed(self._roots)]
         seen = set()
@@ -140,7 +153,7 @@ class _Glb:
             matrix = above @ node_matrix(node)
             waiting += [(child, matrix) for child in reversed(node.get("children", []))]
             if "mesh" in node:
-                yield _item(self.layout["meshes"], node["mesh"]), matrix
+                yield node["mesh"], matrix
 
     @property
     def _roots(self) -> list[int]:
@@ -173,8 +186,8 @@ class _Glb:
         """Return an accessor's elements, (count, columns)."""
         described = _item(self.layout["accessors"], accessor)
         if described["type"] != kind:
-            raise MeshReadError(f"accessor {accessor} of the glb file is {described['type']!r}, not {kind}")
-        count, component = self.count(accessor), described["componentType"]
+            raise MeshReadError(f"accessor {accessor} of the glb file is {_shown(described['type'])}, not {kind}")
+        count, component = self._count(accessor), described["componentType"]
         if "bufferView" not in described:
             raise MeshFormatError(
                 f"accessor {accessor} of the glb file has no data of its own, as if it were compressed: export it "
@@ -209,20 +222,20 @@ class _Glb:
     def _buffer(self, index: int) -> bytes:
         uri = _item(self.layout["buffers"], index).get("uri")
         if uri is None:
-            return self.binary if index == 0 else b""
-        if index not in self._decoded:
-            head, _, text = str(uri).partition(";base64,")
-            if not head.startswith("data:"):
+            return self._binary if index == 0 else b""
+        if index not in self._buffers:
+            head, encoded, text = str(uri).partition(";base64,")
+            if not (encoded and head.startswith("data:")):
                 raise MeshFormatError("data of the glb file is in another one: only single files are read")
-            self._decoded[index] = base64.b64decode(text)
-        return self._decoded[index]
-
-    @cached_property
-    def _decoded(self) -> dict[int, bytes]:
-        return {}
+            self._buffers[index] = base64.b64decode(text)
+        return self._buffers[index]
 
 
 def _item(items: Any, index: Any) -> Any:
     if not isinstance(items, list) or type(index) is not int or not 0 <= index < len(items):
-        raise MeshReadError(f"the glb file has no item {str(index)[:20]!r} where it says so")
+        raise MeshReadError(f"the glb file has no item {_shown(index)} where it says so")
     return items[index]
+
+
+def _shown(value: Any) -> str:
+    return repr(value)[:40]

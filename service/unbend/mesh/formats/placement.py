@@ -34,8 +34,9 @@ def _rotation(quaternion: Any) -> Floats:
     norm = x * x + y * y + z * z + w * w
     if norm == 0:
         return np.eye(3)
-    return np.eye(3) + 2 / norm * np.array([
+    rotation: Floats = np.eye(3) + 2 / norm * np.array([
         [-y * y - z * z, x * y - z * w, x * z + y * w],
         [x * y + z * w, -x * x - z * z, y * z - x * w],
         [x * z - y * w, y * z + x * w, -x * x - y * y],
     ])  # fmt: skip
+    return rotation

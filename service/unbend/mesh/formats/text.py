@@ -1,17 +1,14 @@
-"""What off, obj and ply files need before trimesh reads them, and where such a file is wrong."""
+"""What off and obj files need before trimesh reads them, and where such a file is wrong."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 from unbend.errors import MeshReadError
 
 _WITHOUT_SLASH = re.compile(rb"/[^\s]*")
 _VERTEX_FIELDS = 3
-_PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\d{1,18})\s*$", re.MULTILINE)
-_PLY_TEXT = re.compile(rb"^format\s+ascii", re.MULTILINE)
 
 
 def bare_obj(data: bytes) -> bytes:
@@ -66,38 +63,6 @@ def check_off(data: bytes) -> None:
     if found < vertices + faces:
         missing = f"{vertices} vertices and {faces} faces announced, {found} lines found"
         raise MeshReadError(f"line {number}: the file ends early: {missing}")
-
-
-def check_ply(data: bytes) -> None:
-    """Say where a ply file of text ends early; trimesh takes it for a smaller mesh.
-
-    Raises
-    ------
-    MeshReadError
-        If the header does not end, or rows are missing.
-    """
-    header, ended, body = data.partition(b"end_header")
-    if not ended:
-        raise MeshReadError("the header of the ply file does not end")
-    announced = sum(map(int, _PLY_ELEMENT.findall(header)))
-    if _PLY_TEXT.search(header):
-        found = sum(1 for line in body.splitlines() if line.strip())
-        if found < announced:
-            raise MeshReadError(f"the ply file ends early: {announced} rows announced, {found} found")
-
-
-def check_ply_lists(faces: Any) -> None:
-    """Say that rows of binary ply faces are not as long as the first, which trimesh takes them to be.
-
-    Raises
-    ------
-    MeshReadError
-        If they are not, where the file's size does not tell.
-    """
-    for name in getattr(getattr(faces, "dtype", None), "names", None) or ():
-        rows = faces[name]
-        if rows.dtype.names and len(rows) and (rows["f0"] != rows["f1"][0].size).any():
-            raise MeshReadError("a binary ply file of polygons with different numbers of corners is not read")
 
 
 def _obj_lines(data: bytes) -> Iterator[tuple[int, bytes]]:

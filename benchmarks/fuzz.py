@@ -40,6 +40,8 @@ BATCH = 250
 WAITING = 200
 """Jobs under way below which the next files are sent; with a batch, fewer than one list of jobs holds."""
 LISTED = 500
+LOOK_SECONDS = 0.2
+ENDED = ("succeeded", "failed", "cancelled")
 SECONDS, MEMORY_MB, WORKERS = 20, 3072, 2
 PARAMETERS = '{"samples": 8}'
 SHAPE_EVERY = 10
@@ -97,10 +99,11 @@ class Run:
             load = self._http.get("/v1/capacity").json()
             if load["running"] + load["queued"] <= most:
                 break
-            time.sleep(0.05)
-        for job in self._http.get("/v1/jobs", params={"limit": LISTED}).json()["items"]:
-            if job["state"] in {"succeeded", "failed", "cancelled"} and job["id"] in self._waiting:
-                self._note_job(*self._waiting.pop(job["id"]), job)
+            time.sleep(LOOK_SECONDS)
+        for state in ENDED:
+            for job in self._http.get("/v1/jobs", params={"state": state, "limit": LISTED}).json()["items"]:
+                if job["id"] in self._waiting:
+                    self._note_job(*self._waiting.pop(job["id"]), job)
         self.peak.look(self._server)
 
     @property

@@ -140,6 +140,32 @@ def test_many_instances_are_counted_quickly():
     assert time.perf_counter() - begun < 5
 
 
+REPEATED = [
+    b"\n",
+    b" ",
+    b"\r",
+    b"v ",
+    b"v\n",
+    b"f 1/",
+    b"#\n",
+    b"\\\n",
+    b"OFF ",
+    b"solid\n",
+    b"ply\n",
+    b"property list uchar int a\n",
+]
+BEFORE = [b"x\n", b"v 0 0 0\nf 1 2 3 ", b"OFF\n", b"solid\nfacet\n", b"ply\nformat ascii 1.0\nelement vertex 3\n"]
+
+
+@pytest.mark.parametrize("repeated", REPEATED)
+@pytest.mark.parametrize("before", BEFORE)
+def test_no_text_takes_more_than_linear_time(before, repeated):
+    begun = time.process_time()
+    with pytest.raises(MeshError):
+        read_mesh(before + repeated * (100_000 // len(repeated)))
+    assert time.process_time() - begun < 2  # a blank line more than 20,000 once made that a minute
+
+
 # What of a glb is read, and what is refused rather than taken for something else
 
 

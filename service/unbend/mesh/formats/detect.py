@@ -12,8 +12,9 @@ FORMATS: Final = ("off", "obj", "ply", "stl", "glb")
 """The allow-list: single files, no archives, nothing that refers to other files."""
 
 _OFF = re.compile(rb"^(\s|#[^\n]*\n)*(ST)?C?N?OFF\b", re.IGNORECASE)
-_OBJ = re.compile(rb"^\s*(v|f)\s+[-+.\d]", re.MULTILINE)
+_OBJ = re.compile(rb"^[^\S\n]*(v|f)[^\S\n]+[-+.\d]", re.MULTILINE)  # within a line: in linear time
 _HEAD = 4096
+_FIRST_LINES = 2**20  # of an obj file may be comments; one with more is told by its name
 _PACKED: Final = {
     b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz",
     b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "rar", b"\x28\xb5\x2f\xfd": "zstd", b"DRACO": "Draco",
@@ -57,7 +58,7 @@ def _by_content(data: bytes) -> str | None:
         return "off"
     if _is_binary_stl(data) or (head.lstrip().startswith(b"solid") and b"facet" in head):
         return "stl"
-    if b"\0" not in head and (_OBJ.search(head) or _OBJ.search(data)):
+    if b"\0" not in head and _OBJ.search(data[:_FIRST_LINES]):
         return "obj"
     return None
 

@@ -77,24 +77,24 @@ def _split(data: bytes) -> tuple[bool, list[_Element], bytes]:
     end = _END.search(data)
     if not end:
         raise MeshReadError("the header of the ply file does not end")
-    order, elements = "", dict[str, _Element]()
-    name = ""
+    order, name = "", ""
+    lengths, properties = dict[str, int](), dict[str, list[_Property]]()
     for number, line in enumerate(data[: end.start()].decode("utf-8", "replace").splitlines(), start=1):
         match line.split():
             case ["format", word, *_] if word in _ORDERS:
                 order = word
-            case ["element", name, count] if count.isdecimal() and len(count) < 19 and name not in elements:
-                elements[name] = _Element(name, int(count), ())
+            case ["element", name, count] if count.isdecimal() and len(count) < 19 and name not in lengths:
+                lengths[name], properties[name] = int(count), []
             case ["property", *words] if name:
-                added = (*elements[name].properties, _property(words, order, number))
-                elements[name] = _Element(name, elements[name].length, added)
+                properties[name].append(_property(words, order, number))
             case ["ply" | "comment" | "obj_info", *_] | []:
                 pass
             case _:
                 _refuse(number, line)
     if not order:
         raise MeshReadError("the header of the ply file names no format")
-    return order == "ascii", list(elements.values()), data[end.end() :]
+    elements = [_Element(name, length, tuple(properties[name])) for name, length in lengths.items()]
+    return order == "ascii", elements, data[end.end() :]
 
 
 def _property(words: list[str], order: str, number: int) -> _Property:

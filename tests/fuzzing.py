@@ -42,8 +42,10 @@ def mutant(file_type: str, number: int, seed: int = 0) -> bytes:
 
 
 def file_name(file_type: str, number: int) -> str:
-    """The name a mutant is sent by: one of ten has another format's extension."""
-    return f"mesh.{FORMATS[number % 5] if number % 10 == 7 else file_type}"
+    """The name a mutant is sent by: one of ten has another format's extension, one has none."""
+    if number % 10 == 3:
+        return "mesh"
+    return f"mesh.{FORMATS[number // 10 % 5] if number % 10 == 7 else file_type}"
 
 
 @cache

@@ -120,12 +120,12 @@ LIES = {
 @pytest.mark.parametrize("lie", LIES)
 def test_a_header_that_lies_costs_nothing(lie):
     tracemalloc.start()
-    begun = time.perf_counter()
+    begun = time.process_time()
     try:
         with pytest.raises(MeshError):
             read_mesh(LIES[lie], file_type=lie.split(",")[0])
         assert tracemalloc.get_traced_memory()[1] < 2**20
-        assert time.perf_counter() - begun < 1
+        assert time.process_time() - begun < 1
     finally:
         tracemalloc.stop()
 
@@ -134,10 +134,10 @@ def test_many_instances_are_counted_quickly():
     number = 20_000
     layout, data = triangle_layout(nodes=[{"mesh": 0}] * number, scenes=[{"nodes": list(range(number))}])
     layout["meshes"][0]["primitives"] *= 200
-    begun = time.perf_counter()
+    begun = time.process_time()
     with pytest.raises(MeshTooLargeError):
         read_mesh(glb(layout, data), limits=MeshLimits(faces=4_000_000))
-    assert time.perf_counter() - begun < 5
+    assert time.process_time() - begun < 5
 
 
 REPEATED = [

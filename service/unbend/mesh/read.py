@@ -18,14 +18,14 @@ from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.formats.glb import read_glb
 from unbend.mesh.formats.ply import read_ply
 from unbend.mesh.formats.quick import QUICK
-from unbend.mesh.formats.text import bare_obj, check_off
+from unbend.mesh.formats.text import bare_obj, check_off, one_solid
 from unbend.mesh.limits import UNLIMITED, MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.rows import equal_points
 from unbend.mesh.surface import Surface
 
-_PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj}
+_PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj, "stl": one_solid}
 _CHECK: dict[str, Callable[[bytes], None]] = {"off": check_off}
 
 

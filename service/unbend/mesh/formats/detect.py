@@ -56,7 +56,7 @@ def _by_content(data: bytes) -> str | None:
         return "ply"
     if _OFF.match(head):
         return "off"
-    if _is_binary_stl(data) or (head.lstrip().startswith(b"solid") and b"facet" in head):
+    if is_binary_stl(data) or (head.lstrip().startswith(b"solid") and b"facet" in head):
         return "stl"
     if b"\0" not in head and _OBJ.search(data[:_FIRST_LINES]):
         return "obj"
@@ -69,6 +69,6 @@ def _packing(data: bytes) -> str | None:
     return next((name for beginning, name in _PACKED.items() if data.startswith(beginning)), None)
 
 
-def _is_binary_stl(data: bytes) -> bool:
-    # 80 bytes of header, the number of triangles, 50 bytes for each of them
+def is_binary_stl(data: bytes) -> bool:
+    """Say whether a file is as long as the number of triangles in it says: 50 bytes each, behind 84 of header."""
     return len(data) > 84 and len(data) == 84 + 50 * struct.unpack_from("<I", data, 80)[0]

@@ -4,6 +4,7 @@
     ├── MeshError                 the mesh given cannot be used
     │   ├── MeshFormatError       not a format we read
     │   ├── MeshReadError         the file is damaged or incomplete
+    │   ├── MeshTooLargeError     it holds more vertices or triangles than allowed
     │   └── MeshGeometryError     it was read, but holds no usable surface
     ├── ParameterError            an argument is out of its range
     ├── StoreError                the library's store
@@ -60,6 +61,13 @@ class MeshReadError(MeshError):
 
     code = "mesh_read"
     advice = "The file is damaged or incomplete: export it again."
+
+
+class MeshTooLargeError(MeshError):
+    """The file holds, or announces, more vertices or triangles than allowed."""
+
+    code = "mesh_too_large"
+    advice = "Simplify the mesh before sending it, or raise UNBEND_MAX_VERTICES and UNBEND_MAX_FACES."
 
 
 class MeshGeometryError(MeshError):

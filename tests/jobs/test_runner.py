@@ -161,7 +161,7 @@ def test_a_stored_mesh_is_answered_with_its_shape(shared, loop):
     ("data", "code", "says"),
     [
         (DAMAGED, "mesh_read", "ends early"),
-        (b"ply\nnonsense", "mesh_read", "damaged"),
+        (b"ply\nnonsense", "mesh_read", "header"),
         (b"OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n", "mesh_geometry", ""),
     ],
     ids=["cut short", "nonsense", "without area"],

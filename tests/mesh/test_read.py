@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -43,6 +45,28 @@ def test_text_stl_is_read():
         b"endsolid s\n"
     )
     assert len(read_mesh(text).faces) == 1
+
+
+SOLID = (
+    b"solid one\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    b"endsolid one\n"
+)
+
+
+def test_solids_of_one_file_are_one_surface_however_many():
+    other = SOLID.replace(b"0 0 0", b"1 1 0").replace(b"\n", b"\r\n").upper()
+    surface = read_mesh(SOLID + other)
+    np.testing.assert_array_equal(surface.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    np.testing.assert_array_equal(surface.faces, [[0, 1, 2], [3, 1, 2]])
+    begun = time.process_time()
+    assert read_mesh(SOLID * 5000).report.faces == 5000
+    assert time.process_time() - begun < 4  # as a mesh each they took 10
+
+
+@pytest.mark.parametrize("data", [SOLID[:-13], SOLID[: SOLID.index(b"vertex 0 1")] + SOLID, SOLID + b"solid two\n"])
+def test_a_solid_that_does_not_end_is_damage(data):
+    with pytest.raises(MeshReadError, match="does not end"):
+        read_mesh(data)
 
 
 def test_a_path_and_a_binary_file_are_read_like_bytes(tmp_path):
@@ -93,7 +117,8 @@ def test_the_content_decides_and_not_the_name():
     ("data", "error", "message"),
     [
         (b"", MeshFormatError, "empty"),
-        (b"PK\x03\x04 a zip file", MeshFormatError, "no format we know"),
+        (b"PK\x03\x04 a zip file", MeshFormatError, "zip"),
+        (b"\x89PNG", MeshFormatError, "no format we know"),
         (OFF.replace(b"1 1 0\n", b"1 1\n"), MeshReadError, "line 6"),
         (OFF.replace(b"1.5", b"abc"), MeshReadError, "line 8"),
         (OFF[: OFF.index(b"3 0 1 4")], MeshReadError, "ends early"),

@@ -10,6 +10,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from unbend.api.logs import LogFormat
 from unbend.jobs import JobLimits
+from unbend.mesh.limits import MeshLimits
 from unbend.threads import available_cores
 
 _ORIGIN: Final = re.compile(r"https?://[^\s/?#@*]+")
@@ -25,6 +26,8 @@ class Settings(BaseSettings):
         default_factory=available_cores, ge=1, le=256, description="Processes that compute; one for each core."
     )
     max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes that a request may have.")
+    max_vertices: int = Field(2_000_000, ge=4, description="Most vertices that a mesh file may hold.")
+    max_faces: int = Field(4_000_000, ge=1, description="Most triangles that a mesh file may hold.")
     max_queued: int = Field(10_000, ge=1, description="Jobs that may wait before uploads are answered 429.")
     job_seconds: float = Field(600.0, gt=0, description="Seconds after which a job is stopped.")
     job_memory_mb: int = Field(8192, ge=1024, description="Megabytes of address space that a worker may use.")
@@ -56,6 +59,7 @@ class Settings(BaseSettings):
             memory_mb=self.job_memory_mb,
             queued=self.max_queued,
             drain_seconds=self.drain_seconds,
+            mesh=MeshLimits(self.max_vertices, self.max_faces),
         )
 
 

@@ -137,9 +137,8 @@ class Dispatcher:
 
     async def _computed(self, job: JobRecord) -> JobRecord | None:
         """Have a job computed and its result stored; None if it was ended by somebody else meanwhile."""
-        mesh = StoredMesh(
-            self._library.store.url, job.mesh_sha256 or "", job.file_type, MeshPolicy.from_json(job.policy)
-        )
+        policy, url = MeshPolicy.from_json(job.policy), self._library.store.url
+        mesh = StoredMesh(url, job.mesh_sha256 or "", job.file_type, policy, self._limits.mesh)
         listener = partial(self._news.report, job.id)
         outcome = await self._pool.call(compute, (Task(mesh, job.parameters),), self._limits.seconds, listener)
         self._observer.computed(outcome.seconds)

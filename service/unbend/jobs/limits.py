@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import resource
@@ -14,6 +15,10 @@ from typing import Final
 
 import scipy.linalg  # noqa: F401  loaded before its threads, and NumPy's, are limited
 from threadpoolctl import threadpool_limits
+
+from unbend.mesh.limits import MeshLimits
+
+MESH_LIMITS: Final = MeshLimits(vertices=2_000_000, faces=4_000_000)
 
 _NICE: Final = 5
 """The server answers while all cores compute: the system is told whose turn comes first."""
@@ -38,6 +43,7 @@ class JobLimits:
     """That a call past the queue may take, waiting included."""
     calls: int = 32
     """Calls past the queue that may wait."""
+    mesh: MeshLimits = MESH_LIMITS
 
 
 def limit_process(memory_bytes: int | None) -> None:
@@ -45,6 +51,7 @@ def limit_process(memory_bytes: int | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
     threadpool_limits(1)  # the pool has a process for every core
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what it says of a damaged file, the job's error says
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     with contextlib.suppress(OSError):

@@ -18,6 +18,7 @@ from unbend.library.payload import PackedSignature
 from unbend.library.shapes import get_mesh
 from unbend.matching.measures import MEASURES, compare
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex
+from unbend.mesh.limits import MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.mesh.surface import Surface
@@ -34,12 +35,16 @@ _TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\
 
 @dataclass(frozen=True)
 class StoredMesh:
-    """Where a mesh file is, its format where the content does not tell, and how it is read."""
+    """Where a mesh file is, its format where the content does not tell, and how it is read.
+
+    One that was read once already needs no limits.
+    """
 
     store_url: str
     sha256: str
     file_type: str
     policy: MeshPolicy
+    limits: MeshLimits | None = None
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,7 @@ def warm_up() -> None:
 def _read(mesh: StoredMesh) -> Surface:
     with _store(mesh.store_url).read() as connection:
         data = get_mesh(connection, mesh.sha256)
-    return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy)
+    return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy, limits=mesh.limits)
 
 
 @cache

@@ -13,15 +13,19 @@ import trimesh
 
 from unbend.arrays import Floats, Indices
 from unbend.errors import MeshError, MeshReadError
+from unbend.mesh.formats.announced import announced
 from unbend.mesh.formats.detect import detect_format
+from unbend.mesh.formats.glb import read_glb
+from unbend.mesh.formats.ply import read_ply
 from unbend.mesh.formats.quick import QUICK
-from unbend.mesh.formats.text import bare_obj, check_off
+from unbend.mesh.formats.text import bare_obj, check_off, one_solid
+from unbend.mesh.limits import UNLIMITED, MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.rows import equal_points
 from unbend.mesh.surface import Surface
 
-_PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj}
+_PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj, "stl": one_solid}
 _CHECK: dict[str, Callable[[bytes], None]] = {"off": check_off}
 
 
@@ -30,6 +34,7 @@ def read_mesh(
     *,
     file_type: str | None = None,
     policy: MeshPolicy | None = None,
+    limits: MeshLimits | None = None,
 ) -> Surface:
     """Read a mesh from a path, bytes or a binary file object.
 
@@ -42,6 +47,8 @@ def read_mesh(
     policy : MeshPolicy, optional
         What to do with several components, noise, and more vertices than wanted; keeps the largest component and
         all vertices, where they are, by default.
+    limits : MeshLimits, optional
+        Most vertices and triangles that the file may hold, whatever the policy makes of them; any number by default.
 
     Returns
     -------
@@ -56,6 +63,8 @@ def read_mesh(
         If it is none of the formats above.
     MeshReadError
         If the file is damaged; the message says where.
+    MeshTooLargeError
+        If it holds more than `limits` allow; as soon as its header says so, where it has one.
     MeshGeometryError
         If it holds no usable surface.
     OSError
@@ -63,9 +72,12 @@ def read_mesh(
     """
     data, hint = _bytes_of(source)
     kind = detect_format(data, (file_type or hint).lower().lstrip("."))
-    vertices, faces = _parse(data, kind)
+    limits = limits or UNLIMITED
+    limits.check(*announced(data, kind))
+    vertices, faces = _parse(data, kind, limits)
     if kind == "stl":
         vertices, faces = _weld(vertices, faces)
+    limits.check(len(vertices), len(faces))
     return repair(vertices, faces, file_type=kind, policy=policy)
 
 
@@ -78,7 +90,7 @@ def _bytes_of(source: bytes | str | Path | BinaryIO) -> tuple[bytes, str]:
     return source.read(), ""
 
 
-def _parse(data: bytes, kind: str) -> tuple[Floats, Indices]:
+def _parse(data: bytes, kind: str, limits: MeshLimits) -> tuple[Floats, Indices]:
     if kind in QUICK and (plain := QUICK[kind](data)):
         return plain
     if kind in _CHECK:
@@ -88,12 +100,16 @@ def _parse(data: bytes, kind: str) -> tuple[Floats, Indices]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # NumPy's word for numbers cut short
             warnings.simplefilter("ignore", RuntimeWarning)
+            if kind == "glb":
+                return read_glb(data, limits)
+            if kind == "ply":
+                return read_ply(data)
             loaded = _load(data, kind)
     except MeshError:
         raise
     except MemoryError:
         raise
-    except Exception as error:  # a damaged file fails in trimesh in as many ways as there are damages
+    except Exception as error:  # a damaged file fails in as many ways as there are damages
         raise MeshReadError(f"the {kind} file is damaged or incomplete") from error
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), dtype=np.float64)
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.int64)
@@ -101,7 +117,7 @@ def _parse(data: bytes, kind: str) -> tuple[Floats, Indices]:
 
 
 def _load(data: bytes, kind: str) -> Any:
-    # Processing off: nothing is welded, dropped or reordered. A glb's nodes are placed by their transforms.
+    # Processing off: nothing is welded, dropped or reordered.
     scene = trimesh.load_scene(
         io.BytesIO(data),
         file_type=kind,

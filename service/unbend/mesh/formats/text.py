@@ -1,4 +1,4 @@
-"""What off and obj files need before trimesh reads them, and where such a file is wrong."""
+"""What off, obj and stl files need before trimesh reads them, and where such a file is wrong."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import re
 from collections.abc import Iterator
 
 from unbend.errors import MeshReadError
+from unbend.mesh.formats.detect import is_binary_stl
 
 _WITHOUT_SLASH = re.compile(rb"/[^\s]*")
 _VERTEX_FIELDS = 3
+_SOLID = re.compile(rb"^[^\S\n]*(end)?solid\b[^\n]*\n?", re.MULTILINE | re.IGNORECASE)
 
 
 def bare_obj(data: bytes) -> bytes:
@@ -34,6 +36,22 @@ def bare_obj(data: bytes) -> bytes:
     if largest > vertices:
         raise MeshReadError(f"line {where}: a face with vertex {largest}, but there are {vertices}")
     return b"\n".join(lines) + b"\n"
+
+
+def one_solid(data: bytes) -> bytes:
+    """Return a text stl file with one solid, for trimesh makes a mesh of each; a binary one as it is.
+
+    Raises
+    ------
+    MeshReadError
+        If a solid does not end.
+    """
+    if is_binary_stl(data):
+        return data
+    ends = [bool(word) for word in _SOLID.findall(data)]
+    if not ends or ends != [False, True] * (len(ends) // 2):
+        raise MeshReadError("a solid of the stl file does not begin or does not end")
+    return b"solid\n" + _SOLID.sub(b"", data) + b"\nendsolid\n"
 
 
 def check_off(data: bytes) -> None:

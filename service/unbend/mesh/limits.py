@@ -1,0 +1,25 @@
+"""How large a mesh may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from unbend.errors import MeshTooLargeError
+
+
+@dataclass(frozen=True)
+class MeshLimits:
+    """Most vertices and triangles that a file may hold, before repair and simplification; None for any number."""
+
+    vertices: int | None = None
+    faces: int | None = None
+
+    def check(self, vertices: int, faces: int) -> None:
+        """Raise MeshTooLargeError if there are more."""
+        for most, count, name in ((self.vertices, vertices, "vertices"), (self.faces, faces, "triangles")):
+            if most is not None and count > most:
+                raise MeshTooLargeError(f"the file holds or announces more than {most:,} {name}")
+
+
+UNLIMITED: Final = MeshLimits()

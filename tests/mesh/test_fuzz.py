@@ -1,0 +1,68 @@
+"""Damaged files of every format, the same ones each time: a surface or a typed error, soon, and with little memory."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import time
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzing import FORMATS, file_name, mutant, seeds
+from unbend import read_mesh
+from unbend.errors import MeshError
+from unbend.mesh.limits import MeshLimits
+
+COUNT = 300
+SECONDS = 5.0  # a file takes a millisecond
+MEMORY = 2**29
+LIMITS = MeshLimits(vertices=10_000, faces=10_000)
+
+
+def limit() -> None:
+    """Let the process have some memory more than it has now, and take warnings for errors."""
+    read_mesh(seeds("off")[0])  # with all that is imported and compiled for it
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    warnings.simplefilter("error")
+
+
+def examine(file_type: str) -> list[str]:
+    """What is wrong with the answers to the mutants of a format."""
+    wrong, read = [], 0
+    for number in range(COUNT):
+        begun = time.perf_counter()
+        try:
+            hint = Path(file_name(file_type, number)).suffix
+            surface = read_mesh(mutant(file_type, number), file_type=hint, limits=LIMITS)
+            read += 1
+            if not (np.isfinite(surface.vertices[surface.faces]).all() and surface.area > 0):
+                wrong.append(f"{file_type} {number}: no finite surface")
+        except MeshError as error:
+            if not 0 < len(str(error)) < 500:
+                wrong.append(f"{file_type} {number}: {len(str(error))} letters to say it")
+        except Exception as error:  # noqa: BLE001  whatever it is, it is told
+            wrong.append(f"{file_type} {number}: {type(error).__name__}: {error}")
+        if time.perf_counter() - begun > SECONDS:
+            wrong.append(f"{file_type} {number}: {time.perf_counter() - begun:.0f} s")
+    return wrong if read else [f"{file_type}: none of {COUNT} could be read"]
+
+
+@pytest.fixture(scope="module")
+def limited():
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), limit) as pool:
+        yield pool
+
+
+@pytest.mark.parametrize("file_type", FORMATS)
+def test_every_damaged_file_gives_a_surface_or_a_typed_error(limited, file_type):
+    assert limited.submit(examine, file_type).result() == []
+
+
+def test_a_mutant_is_always_the_same():
+    assert mutant("ply", 17) == mutant("ply", 17) != mutant("ply", 17, seed=1)

@@ -1,0 +1,102 @@
+"""ply files as other programs write them: orders of bytes, further properties, polygons; and damaged ones."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+
+from unbend import read_mesh
+from unbend.errors import MeshReadError
+from unbend.mesh.shapes import torus
+
+POINTS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1.5))
+POLYGONS = ((0, 1, 2), (0, 2, 3, 4), (0, 1, 4))
+FACES = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 4]]
+TEXT = (
+    "ply\nformat ascii 1.0\nobj_info x\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1.5\n3 0 1 2\n4 0 2 3 4\n3 0 1 4\n"
+)
+
+
+def binary(order: str, polygons: tuple[tuple[int, ...], ...] = POLYGONS, texture: int = 2) -> bytes:
+    """A file with properties before, between and behind those that are read, and edges at its end."""
+    name = {"<": "little", ">": "big"}[order]
+    head = (
+        f"ply\r\nformat binary_{name}_endian 1.0\r\ncomment by hand\r\nelement vertex {len(POINTS)}\r\n"
+        "property uchar red\r\nproperty double z\r\nproperty double x\r\nproperty short a\r\nproperty float y\r\n"
+        f"element face {len(polygons)}\r\nproperty float quality\r\nproperty list ushort float texcoord\r\n"
+        "property list uchar uint vertex_index\r\nelement edge 1\r\nproperty int vertex1\r\nend_header\r\n"
+    )
+    body = b"".join(struct.pack(f"{order}Bddhf", 9, z, x, -1, y) for x, y, z in POINTS)
+    for corners in polygons:
+        body += struct.pack(f"{order}fH{texture}f", 0.5, texture, *(0.5,) * texture)
+        body += struct.pack(f"{order}B{len(corners)}I", len(corners), *corners)
+    return head.encode() + body + struct.pack(f"{order}i", 1)
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("texture", [0, 2])
+@pytest.mark.parametrize("polygons", [POLYGONS, POLYGONS[::-1], POLYGONS[:1] + POLYGONS[2:]])
+def test_binary_files_are_read_in_both_orders_with_polygons_of_any_size(order, polygons, texture):
+    surface = read_mesh(binary(order, polygons, texture))
+    np.testing.assert_array_equal(surface.vertices, POINTS)
+    expected = [[face[0], *face[i : i + 2]] for face in polygons for i in range(1, len(face) - 1)]
+    np.testing.assert_array_equal(surface.faces, expected)
+
+
+@pytest.mark.parametrize("text", [TEXT, TEXT.replace("\n", "\r\n"), TEXT.replace("vertex_indices", "corners")])
+def test_text_is_read(text):
+    surface = read_mesh(text.encode())
+    np.testing.assert_array_equal(surface.vertices, POINTS)
+    np.testing.assert_array_equal(surface.faces, FACES)
+
+
+def test_polygons_whose_corners_are_as_many_as_if_all_were_quads_are_not_taken_for_quads():
+    surface = read_mesh(binary("<", ((0, 1, 2, 3), (0, 1, 4), (0, 1, 2, 3, 4))))
+    np.testing.assert_array_equal(surface.faces[:4], [[0, 1, 2], [0, 2, 3], [0, 1, 4], [0, 3, 4]])
+
+
+def test_a_reader_of_others_finds_the_same():
+    import trimesh
+
+    shape = torus(columns=12, rows=9)
+    for encoding in ("ascii", "binary"):
+        data = trimesh.Trimesh(shape.vertices, shape.faces, process=False).export(file_type="ply", encoding=encoding)
+        surface = read_mesh(data)
+        np.testing.assert_allclose(surface.vertices, shape.vertices, atol=1e-6)
+        np.testing.assert_array_equal(surface.faces, shape.faces)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (TEXT[: TEXT.index("3 0 1 4")].encode(), "ends early"),
+        (TEXT.replace("face 3", "face 2").encode(), "goes on"),
+        (TEXT.replace("4 0 2", "4000000000 0 2").encode(), "4000000000"),
+        (TEXT.replace("4 0 2", "-4 0 2").encode(), "-4"),
+        (TEXT.replace("4 0 2", "nan 0 2").encode(), "nan"),
+        (TEXT.replace("4 0 2 3 4", "2 0 2 3 0 1 2").encode(), "face 1 .* 2 corners"),
+        (TEXT.replace("3 0 1 4", "3 0 1 4.5").encode(), "whole"),
+        (TEXT.replace("3 0 1 4", "3 0 1 1e300").encode(), "no vertex"),
+        (TEXT.replace("3 0 1 4", "3 0 1 nan").encode(), "whole"),
+        (TEXT.replace("1 1 0", "1 x 0").encode(), "damaged"),
+        (TEXT.replace("property float y", "property colour y").encode(), "line 6"),
+        (TEXT.replace("property float y", "property y").encode(), "line 6"),
+        (TEXT.replace("vertex 5", "vertex five").encode(), "line 4"),
+        (TEXT.replace("vertex 5", "vertex " + "5" * 5000).encode(), "line 4"),
+        (TEXT.replace("format ascii", "format text").encode(), "line 2"),
+        (TEXT.replace("format ascii 1.0\n", "").encode(), "line 4"),
+        (TEXT.replace("element face 3", "element vertex 3").encode(), "line 8"),
+        (TEXT.replace("list uchar int vertex_indices", "int a\nproperty int b").encode(), "no vertex_indices"),
+        (b"ply\nformat ascii 1.0\n", "header"),
+        (binary("<")[:-5], "ends early"),
+        (binary("<") + b"more", "goes on"),
+    ],
+)
+def test_what_is_wrong_is_said(data, message):
+    with pytest.raises(MeshReadError, match=message) as raised:
+        read_mesh(data)
+    assert len(str(raised.value)) < 200

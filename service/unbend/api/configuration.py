@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib.util import find_spec
 from pathlib import Path
 from tomllib import TOMLDecodeError
 from typing import Any, Final
@@ -24,6 +25,9 @@ OTHER_VARIABLES: Final = frozenset(
     {"UNBEND_CONFIG", "UNBEND_API_KEY", "UNBEND_SHARED_DATA", "UNBEND_REQUIRE_SHARED"}
 )  # fmt: skip
 """Variables of our prefix that are no settings: this module's, the clients', and the tests'."""
+
+TRACING: Final = ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http", "opentelemetry.instrumentation.asgi")
+"""What the extra `traces` brings."""
 
 _LINK: Final = re.compile(
     r"UNBEND_(\w+_)?(SERVICE_(HOST|PORT(_\w+)?)=.*|PORT_\d+_(TCP|UDP|SCTP)(_(PROTO|PORT|ADDR))?=.*|PORT=\w+://.*)"
@@ -90,6 +94,8 @@ def read_settings(options: Mapping[str, Any], path: Path | None = None) -> Setti
         raise ParameterError("; ".join(problems)) from None
     if problem := library_problem(settings.library):
         raise ParameterError(f"{written('library')}: the library cannot be opened: {problem}")
+    if settings.traces and not all(map(_is_installed, TRACING)):
+        raise ParameterError(f"{written('traces')}: traces need more packages: pip install 'unbend[traces]'")
     return settings
 
 
@@ -128,6 +134,13 @@ def _path_problem(path: Path) -> str | None:
 
 def _may(path: Path, mode: int) -> bool:
     return os.access(path, mode, effective_ids=os.access in os.supports_effective_ids)
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return find_spec(package) is not None
+    except ModuleNotFoundError:  # not even what it is in
+        return False
 
 
 def _open(path: Path | None) -> _File:

@@ -262,6 +262,7 @@ class JobRunner:
     async def _run(self, job: JobRecord) -> None:
         CURRENT_JOB.set(job.id)
         logger.info("%s job begun, attempt %d", job.kind, job.attempts)
+        self._observer.begun(job)
         try:
             outcome = await self._pool.call(compute, (self._task(job),), self.limits.seconds)
             self._observer.computed(outcome.seconds)
@@ -310,7 +311,9 @@ class JobRunner:
             if waiting >= self.limits.queued:
                 raise QueueFullError(f"{waiting} jobs wait already", retry_after=max(1, waiting // (50 * self.workers)))
             rows.put_mesh(connection, key.sha256, upload.data)
-            return queue.enqueue(connection, kind=kind, key=key, file_type=upload.file_type, request=request)
+            job = queue.enqueue(connection, kind=kind, key=key, file_type=upload.file_type, request=request)
+            self._observer.submitted(job)
+            return job
 
     def _claim(self) -> JobRecord | None:
         with self._library.store.write() as connection:

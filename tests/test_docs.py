@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from unbend.api import Settings
+from unbend.api.configuration import read_settings
 from unbend.matching.measures import MEASURES
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
@@ -26,6 +28,19 @@ def test_every_setting_is_documented_with_its_default():
         if field.default_factory is None:
             told = rows[f"UNBEND_{name.upper()}"].strip().strip("`")
             assert told == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
+
+
+def test_the_file_of_settings_in_the_documents_is_read(tmp_path, monkeypatch):
+    text = (DOCS / "operations.md").read_text()
+    (example,) = re.findall(r"^```toml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    for name in [name for name in os.environ if name.startswith("UNBEND_")]:
+        monkeypatch.delenv(name)
+    written = tomllib.loads(example)
+    path = tmp_path / "settings.toml"
+    path.write_text(example.replace(written["library"], str(tmp_path / "library.db")))
+    found = read_settings({}, path)
+    assert written | {"library": found.library} == found.model_dump(include=set(written))
+    assert found.origins == ["https://example.org", "https://example.com:8443"]
 
 
 @pytest.mark.parametrize(("heading", "defaults"), [("Parameters", Parameters()), ("Policy", MeshPolicy())])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
 
 from fastapi import FastAPI
 from fastapi.responses import RedirectResponse
@@ -23,7 +25,11 @@ from unbend.api.routes import health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
 from unbend.jobs import JobRunner
+from unbend.jobs.observer import Observers
 from unbend.library import Library
+
+if TYPE_CHECKING:
+    from unbend.api.traces import Traces
 
 _DESCRIPTION = """Recognise shapes however they bend.
 
@@ -40,11 +46,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     """
     chosen = settings or Settings()
     metrics = Metrics()
+    traces = _open_traces(chosen.traces)
+    observer = Observers(metrics, traces) if traces else metrics
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         library = Library(chosen.library)
-        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=metrics)
+        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
         app.state.service = Service(chosen, library, runner, metrics)
         await runner.start()
         try:
@@ -52,6 +60,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         finally:
             await runner.stop()
             library.close()
+            if traces:
+                await asyncio.to_thread(traces.close)
 
     app = FastAPIOffline(
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
@@ -59,13 +69,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     for room in (shapes, jobs, queries, overview, health):
         app.include_router(room.router, prefix=PREFIX)
     app.add_api_route("/", _to_docs, include_in_schema=False)
-    _add_middleware(app, chosen, metrics)
+    _add_middleware(app, chosen, metrics, traces)
     problems.install(app)
     install_schema(app)
     return app
 
 
-def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
+def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: Traces | None) -> None:
     """Put the layers on, the innermost first: who may not call has no byte of a body read."""
     app.add_middleware(BodyLimit, limit=settings.max_upload_mb * 2**20)
     app.add_middleware(Access, settings=settings)
@@ -79,7 +89,19 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
         )
     app.add_middleware(Audit)
     app.add_middleware(SecurityHeaders)
+    if traces:
+        from unbend.api.traces import TracedRequests  # noqa: PLC0415
+
+        app.add_middleware(TracedRequests, traces=traces)
     app.add_middleware(Requests, metrics=metrics)
+
+
+def _open_traces(endpoint: str) -> Traces | None:
+    if not endpoint:
+        return None
+    from unbend.api.traces import Traces  # noqa: PLC0415  packages of an extra
+
+    return Traces(endpoint)
 
 
 async def _to_docs() -> RedirectResponse:

@@ -10,6 +10,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info
 
 from unbend import __version__
 from unbend.jobs import JobRunner
+from unbend.jobs.observer import NoObserver
 from unbend.library import Library
 from unbend.library.records import JobRecord
 
@@ -17,7 +18,7 @@ _JOB_BUCKETS: Final = (0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60, 120, 300, 60
 _HTTP_BUCKETS: Final = (0.001, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 
 
-class Metrics:
+class Metrics(NoObserver):
     """The figures of one application, in a registry of its own; a `JobObserver`, and safe in all threads."""
 
     def __init__(self) -> None:

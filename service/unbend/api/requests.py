@@ -25,7 +25,7 @@ CURRENT_REQUEST: Final[ContextVar[str | None]] = ContextVar("unbend request", de
 
 _SANE: Final = re.compile(r"[A-Za-z0-9._:+/=@-]{1,128}")
 _METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
-_PROBES: Final = frozenset({f"{PREFIX}/livez", f"{PREFIX}/readyz", f"{PREFIX}/metrics"})
+PROBES: Final = frozenset({f"{PREFIX}/livez", f"{PREFIX}/readyz", f"{PREFIX}/metrics"})
 
 
 class Requests:
@@ -50,7 +50,7 @@ class Requests:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message)[HEADER] = request_id
                 status = message["status"]
-                self._metrics.answered(_method(scope), _route(scope), status, time.perf_counter() - begun)
+                self._metrics.answered(method_of(scope), route_of(scope), status, time.perf_counter() - begun)
             await send(message)
 
         try:
@@ -58,7 +58,7 @@ class Requests:
         except Exception:
             if status is None:  # the answer is made outside of all middleware, where the header is added too
                 status = 500
-                self._metrics.answered(_method(scope), _route(scope), status, time.perf_counter() - begun)
+                self._metrics.answered(method_of(scope), route_of(scope), status, time.perf_counter() - begun)
             raise
         finally:
             _log(scope, status, time.perf_counter() - begun)
@@ -68,13 +68,14 @@ def _request_id(given: str | None) -> str:
     return given if given and _SANE.fullmatch(given) else uuid.uuid4().hex
 
 
-def _method(scope: Scope) -> str:
+def method_of(scope: Scope) -> str:
+    """Return a request's method, "other" if it is none of those there are."""
     method: str = scope["method"]
     return method if method in _METHODS else "other"
 
 
-def _route(scope: Scope) -> str:
-    """Return the template of a request's path: the path itself could be anything."""
+def route_of(scope: Scope) -> str:
+    """Return the template of a request's path, "unmatched" where there is none: the path itself could be anything."""
     template: str | None = getattr(scope.get("route"), "path", None)
     if template is None:
         return "unmatched"
@@ -84,7 +85,7 @@ def _route(scope: Scope) -> str:
 
 
 def _log(scope: Scope, status: int | None, seconds: float) -> None:
-    method, route, milliseconds = _method(scope), _route(scope), round(1000.0 * seconds, 1)
-    level = logging.DEBUG if route in _PROBES and status == 200 else logging.INFO
+    method, route, milliseconds = method_of(scope), route_of(scope), round(1000.0 * seconds, 1)
+    level = logging.DEBUG if route in PROBES and status == 200 else logging.INFO
     details = {"method": method, "route": route, "status": status, "milliseconds": milliseconds}
     logger.log(level, "%s %s %s %.1f ms", method, route, status, milliseconds, extra={"details": details})

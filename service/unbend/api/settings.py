@@ -1,11 +1,13 @@
-"""The service's settings, each an environment variable with the prefix UNBEND_."""
+"""The service's settings: environment variables with the prefix UNBEND_, or keys of a file (`configuration`)."""
 
 from __future__ import annotations
 
 import re
 from typing import Final
+from urllib.parse import urlsplit
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from unbend.api.logs import LogFormat
@@ -13,37 +15,72 @@ from unbend.jobs import JobLimits
 from unbend.mesh.limits import MeshLimits
 from unbend.threads import available_cores
 
-_ORIGIN: Final = re.compile(r"https?://[^\s/?#@*]+")
+PREFIX: Final = "UNBEND_"
+
+_ORIGIN: Final = re.compile(r"(https?)://([a-z0-9._-]+|\[[0-9a-f:.]+\])(?::([1-9][0-9]{0,4}))?")
+_STANDARD_PORTS: Final = {"http": "80", "https": "443"}
+_MOST_WORKERS: Final = 256
+_MANY: Final = 10**9
+_ADDRESSES_MB: Final = 2**27  # all that a process of 64 bits can address
 
 
 class Settings(BaseSettings):
     """What a server is started with; a wrong value is refused with its name."""
 
-    model_config = SettingsConfigDict(env_prefix="UNBEND_", frozen=True, extra="forbid")
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid")
 
-    library: str = Field("unbend.db", description="Path of an SQLite file, or an SQLAlchemy URL.")
+    library: str = Field("unbend.db", min_length=1, description="Path of an SQLite file, or an SQLAlchemy URL.")
     workers: int = Field(
-        default_factory=available_cores, ge=1, le=256, description="Processes that compute; one for each core."
+        default_factory=lambda: min(available_cores(), _MOST_WORKERS),
+        ge=1,
+        le=_MOST_WORKERS,
+        description="Processes that compute; one for each core.",
     )
     max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes that a request may have.")
-    max_vertices: int = Field(2_000_000, ge=4, description="Most vertices that a mesh file may hold.")
-    max_faces: int = Field(4_000_000, ge=1, description="Most triangles that a mesh file may hold.")
-    max_queued: int = Field(10_000, ge=1, description="Jobs that may wait before uploads are answered 429.")
-    job_seconds: float = Field(600.0, gt=0, description="Seconds after which a job is stopped.")
-    job_memory_mb: int = Field(8192, ge=1024, description="Megabytes of address space that a worker may use.")
-    drain_seconds: float = Field(20.0, ge=0, description="Seconds that running jobs are given when the server stops.")
+    max_vertices: int = Field(2_000_000, ge=4, le=_MANY, description="Most vertices that a mesh file may hold.")
+    max_faces: int = Field(4_000_000, ge=1, le=_MANY, description="Most triangles that a mesh file may hold.")
+    max_queued: int = Field(10_000, ge=1, le=_MANY, description="Jobs that may wait before uploads are answered 429.")
+    job_seconds: float = Field(600.0, gt=0, allow_inf_nan=False, description="Seconds after which a job is stopped.")
+    job_memory_mb: int = Field(
+        8192, ge=1024, le=_ADDRESSES_MB, description="Megabytes of address space that a worker may use."
+    )
+    drain_seconds: float = Field(
+        20.0, ge=0, allow_inf_nan=False, description="Seconds that running jobs are given when the server stops."
+    )
     log_format: LogFormat = Field("text", description="Lines of text, or one JSON object a line.")
+    traces: str = Field("", description="URL of an OTLP collector that traces are sent to; none without.")
 
     open: bool = Field(False, description="Serve callers without a key at any address while there are no keys.")
-    requests_per_minute: int = Field(0, ge=0, description="Calls of one key, or address without; 0 for no limit.")
+    requests_per_minute: int = Field(
+        0, ge=0, le=_MANY, description="Calls of one key, or address without; 0 for no limit."
+    )
     cors_origins: str = Field("", description="Web sites whose pages may call: origins, with commas between them.")
+
+    @field_validator("job_memory_mb")
+    @classmethod
+    def _check_memory(cls, value: int, info: ValidationInfo) -> int:
+        if value <= info.data.get("max_upload_mb", 0):
+            setting = "max_upload_mb"
+            reason = "should be more than {setting}, for a job has the whole of its upload in memory"
+            raise PydanticCustomError("contradiction", reason, {"setting": setting})
+        return value
+
+    @field_validator("traces")
+    @classmethod
+    def _check_traces(cls, value: str) -> str:
+        if value and not _is_http_url(value):
+            raise ValueError("should be an address such as http://localhost:4318, or empty")
+        return value
 
     @field_validator("cors_origins")
     @classmethod
     def _check_origins(cls, value: str) -> str:
-        for origin in _listed(value):
-            if origin != "*" and not _ORIGIN.fullmatch(origin):
-                raise ValueError(f"{origin!r} is not an origin such as https://example.org")
+        origins = _listed(value)
+        if "*" in origins and len(origins) > 1:
+            raise ValueError("'*' stands for all web sites, so none is named beside it")
+        for origin in origins:
+            if origin != "*" and not _is_origin(origin):
+                raise ValueError(f"{origin!r} is not an origin as browsers send it, such as https://example.org")
         return value
 
     @property
@@ -65,3 +102,17 @@ class Settings(BaseSettings):
 
 def _listed(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _is_origin(text: str) -> bool:
+    """Whether a browser would send this: in lower case, without a path, without the port that goes without saying."""
+    found = _ORIGIN.fullmatch(text)
+    return found is not None and found[3] != _STANDARD_PORTS[found[1]] and int(found[3] or 0) < 2**16
+
+
+def _is_http_url(text: str) -> bool:
+    try:
+        url = urlsplit(text)
+        return url.scheme in {"http", "https"} and bool(url.hostname) and url.port != 0 and not url.fragment
+    except ValueError:
+        return False

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import socket
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from unbend.cli.options import library_option
 from unbend.errors import ExposedError
@@ -22,23 +24,26 @@ _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given whe
 @click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
 @library_option
 @click.option("--workers", metavar="N", type=click.IntRange(1, 256), help="Processes that compute; all cores.")
-@click.option("--open", "is_open", is_flag=True, default=None, help="Serve others without keys while there are none.")
-def serve(host: str, port: int, library: str | None, workers: int | None, is_open: bool | None) -> None:
-    """Start the web service. Its settings are environment variables with the prefix UNBEND_."""
-    import uvicorn  # noqa: PLC0415
-    from pydantic import ValidationError  # noqa: PLC0415
+@click.option("--open", is_flag=True, help="Serve others without keys while there are none.")
+@click.option(
+    "--config", "file", metavar="FILE", type=click.Path(path_type=Path), envvar="UNBEND_CONFIG", help="Settings, TOML."
+)
+@click.pass_context
+def serve(context: click.Context, /, host: str, port: int, file: Path | None, **_: object) -> None:
+    """Start the web service.
 
-    from unbend.api import Settings, create_app  # noqa: PLC0415
+    Its settings are environment variables with the prefix UNBEND_, or keys of a file. Options beat the environment,
+    which beats the file.
+    """
+    import uvicorn  # noqa: PLC0415
+
+    from unbend.api import create_app  # noqa: PLC0415
+    from unbend.api.configuration import read_settings, without_password  # noqa: PLC0415
     from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
-    given: dict[str, Any] = {"library": library, "workers": workers, "open": is_open}
-    try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})
-    except ValidationError as error:
-        problems = "; ".join(f"UNBEND_{str(item['loc'][0]).upper()}: {item['msg']}" for item in error.errors())
-        raise click.ClickException(problems) from None
-    click.echo(f"unbend: library {settings.library}, {settings.workers} workers", err=True)
+    settings = read_settings(_given(context), file)
+    click.echo(f"unbend: library {without_password(settings.library)}, {settings.workers} workers", err=True)
     with Library(settings.library) as opened:  # one that cannot be opened ends the command with a sentence
         if not (settings.open or _only_this_machine(host) or _closed(opened)):
             raise ExposedError(f"{host} can be reached by others, and the library has no keys")
@@ -59,6 +64,15 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
     Server(config).run()
+
+
+def _given(context: click.Context) -> dict[str, Any]:
+    """Return the settings given as options; those of the environment are read with all the others there."""
+    return {
+        name: context.params[name]
+        for name in ("library", "workers", "open")
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
 
 
 def _only_this_machine(host: str) -> bool:

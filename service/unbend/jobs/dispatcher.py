@@ -119,6 +119,7 @@ class Dispatcher:
     async def _run(self, job: JobRecord) -> None:
         CURRENT_JOB.set(job.id)
         logger.info("%s job begun, attempt %d", job.kind, job.attempts)
+        self._observer.begun(job)
         self._news.change(job.id)
         try:
             ended = await self._computed(job)

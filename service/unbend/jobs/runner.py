@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 from collections.abc import AsyncIterator, Callable
+from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, TypeVar
@@ -66,9 +67,8 @@ class JobRunner:
         # A process of its own for what somebody waits for, so that no reader waits for jobs; started when first needed.
         self._aside = WorkerPool(1, self.limits.memory_mb)
         self._calls = 0
-        self._dispatcher = Dispatcher(
-            library, self._writer, self._pool, self.limits, observer or NoObserver(), self._news
-        )
+        self._observer: JobObserver = observer or NoObserver()
+        self._dispatcher = Dispatcher(library, self._writer, self._pool, self.limits, self._observer, self._news)
         self._warming: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
@@ -117,7 +117,8 @@ class JobRunner:
             If `limits.queued` jobs wait already.
         """
         key = UploadKey.of(upload.data, upload.parameters, upload.policy)
-        answer = await self._made(partial(self._enqueue, kind=kind, key=key, upload=upload, request=request))
+        context = copy_context()  # that of the request: who observes jobs may want to know it
+        answer = await self._made(lambda connection: context.run(self._enqueue, connection, kind, key, upload, request))
         if isinstance(answer, JobRecord):
             CURRENT_JOB.set(answer.id)
         self._dispatcher.wake()
@@ -229,7 +230,9 @@ class JobRunner:
         if waiting >= self.limits.queued:
             raise QueueFullError(f"{waiting} jobs wait already", retry_after=max(1, waiting // (50 * self.workers)))
         rows.put_mesh(connection, key.sha256, upload.data)
-        return queue.enqueue(connection, kind=kind, key=key, file_type=upload.file_type, request=request)
+        job = queue.enqueue(connection, kind=kind, key=key, file_type=upload.file_type, request=request)
+        self._observer.submitted(job)
+        return job
 
     def _newest(self, state: JobState | None, limit: int) -> list[JobRecord]:
         with self._library.store.read() as connection:

@@ -1,0 +1,207 @@
+"""Where the settings of a server come from, and what is refused of them before it starts."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.util import find_spec
+from pathlib import Path
+from tomllib import TOMLDecodeError
+from typing import Any, Final
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, TomlConfigSettingsSource
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
+
+from unbend.api.settings import PREFIX, Settings
+from unbend.errors import ParameterError
+
+OTHER_VARIABLES: Final = frozenset(
+    {"UNBEND_CONFIG", "UNBEND_API_KEY", "UNBEND_SHARED_DATA", "UNBEND_REQUIRE_SHARED"}
+)  # fmt: skip
+"""Variables of our prefix that are no settings: this module's, the clients', and the tests'."""
+
+TRACING: Final = ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http", "opentelemetry.instrumentation.asgi")
+"""What the extra `traces` brings."""
+
+_LINK: Final = re.compile(
+    r"UNBEND_(\w+_)?(SERVICE_(HOST|PORT(_\w+)?)=.*|PORT_\d+_(TCP|UDP|SCTP)(_(PROTO|PORT|ADDR))?=.*|PORT=\w+://.*)"
+)
+"""What Kubernetes tells all containers about a service called unbend, or unbend-something."""
+
+_SECRET: Final = frozenset({"library", "traces"})  # URLs, which may hold a password
+
+Written = Callable[[str], str]
+"""The name of a setting where it was given, in the words of who gave it."""
+
+
+@dataclass(frozen=True)
+class _File:
+    """A file of settings; `path` is None where there is none."""
+
+    path: Path | None
+    source: TomlConfigSettingsSource
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        return self.source.toml_data
+
+    def written(self, name: str) -> str:
+        return f"{self.path}: {name}"
+
+
+def read_settings(options: Mapping[str, Any], path: Path | None = None) -> Settings:
+    """Return the settings of a server that is about to start.
+
+    Parameters
+    ----------
+    options : mapping
+        Values given on the command line, by field. They beat the environment, which beats the file.
+    path : Path, optional
+        A TOML file whose keys are the names of the fields.
+
+    Raises
+    ------
+    ParameterError
+        If a value is wrong, or a name unknown; each is called what it was called where it was given.
+    """
+    file = _open(path.expanduser() if path else None)
+    if problems := [*_unknown_variables(os.environ), *_wrong_keys(file)]:
+        raise ParameterError("; ".join(problems))
+
+    class Given(Settings):
+        @classmethod
+        def settings_customise_sources(
+            cls,
+            settings_cls: type[BaseSettings],  # noqa: ARG003
+            init_settings: PydanticBaseSettingsSource,
+            env_settings: PydanticBaseSettingsSource,
+            dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+            file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+        ) -> tuple[PydanticBaseSettingsSource, ...]:
+            return init_settings, env_settings, file.source
+
+    written = _places(options, file)
+    try:
+        settings = Given(**options)
+    except ValidationError as error:
+        problems = [_sentence(problem, str(problem["loc"][0]), written) for problem in error.errors()]
+        raise ParameterError("; ".join(problems)) from None
+    if problem := library_problem(settings.library):
+        raise ParameterError(f"{written('library')}: the library cannot be opened: {problem}")
+    if settings.traces and not all(map(_is_installed, TRACING)):
+        raise ParameterError(f"{written('traces')}: traces need more packages: pip install 'unbend[traces]'")
+    return settings
+
+
+def without_password(library: str) -> str:
+    """Return a library's address as it may be shown."""
+    return make_url(library).render_as_string(hide_password=True) if "://" in library else library
+
+
+def library_problem(url: str) -> str | None:
+    """Say what is wrong with the place of a library in a file; of other databases only they themselves can tell."""
+    try:
+        parsed = make_url(url) if "://" in url else None
+    except ArgumentError:
+        return "neither a path nor the URL of a database"
+    if parsed is not None and parsed.get_backend_name() != "sqlite":
+        return None
+    name = url if parsed is None else parsed.database or ":memory:"
+    if name == ":memory:" or name.startswith("file:"):
+        return "the processes that compute must find it in a file, by its path"
+    try:
+        return _path_problem(Path(name).expanduser())
+    except OSError as error:
+        return f"{error.filename}: {error.strerror}"
+
+
+def _path_problem(path: Path) -> str | None:
+    folder = path.parent
+    if path.is_dir():
+        return f"{path} is a folder"
+    if not folder.is_dir():
+        return f"there is no folder {folder}"
+    if not _may(folder, os.W_OK | os.X_OK):  # SQLite makes files beside it
+        return f"the folder {folder} cannot be written"
+    return f"{path} cannot be written" if path.exists() and not _may(path, os.R_OK | os.W_OK) else None
+
+
+def _may(path: Path, mode: int) -> bool:
+    return os.access(path, mode, effective_ids=os.access in os.supports_effective_ids)
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return find_spec(package) is not None
+    except ModuleNotFoundError:  # not even what it is in
+        return False
+
+
+def _open(path: Path | None) -> _File:
+    if path and not path.is_file():  # what is no file, the source would pass over
+        raise ParameterError(f"{path}: there is no such file of settings")
+    try:
+        return _File(path, TomlConfigSettingsSource(Settings, path))
+    except OSError as error:
+        raise ParameterError(f"{path}: {error.strerror}") from None
+    except (TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path}: this is not TOML: {error}") from None
+
+
+def _unknown_variables(environment: Mapping[str, str]) -> list[str]:
+    known = {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
+    return [
+        f"{name} is no setting{_nearest(name.upper(), known)}"
+        for name, value in sorted(environment.items())
+        if name.upper().startswith(PREFIX)
+        and name.upper() not in known | OTHER_VARIABLES
+        and not _LINK.fullmatch(f"{name}={value}")
+    ]
+
+
+def _nearest(name: str, known: Collection[str]) -> str:
+    """Return the end of a sentence: which of the known names may be meant."""
+    bare = {each.removeprefix(PREFIX): each for each in known}
+    found = get_close_matches(name.removeprefix(PREFIX), bare, n=1)
+    return f" ({bare[found[0]]} is)" if found else ""
+
+
+def _wrong_keys(file: _File) -> list[str]:
+    """Refuse unknown keys, and values of another type: a file says what is text and what a number."""
+    problems = []
+    for key, value in file.values.items():
+        field = Settings.model_fields.get(key)
+        if field is None:
+            problems.append(f"{file.written(key)} is no setting{_nearest(key, Settings.model_fields)}")
+            continue
+        try:
+            TypeAdapter[Any](field.annotation or object).validate_python(value, strict=True)
+        except ValidationError as error:
+            problems += [_sentence(problem, key, file.written) for problem in error.errors()]
+    return problems
+
+
+def _places(options: Mapping[str, Any], file: _File) -> Written:
+    def written(name: str) -> str:
+        variable = f"{PREFIX}{name.upper()}"
+        if name in options:
+            return f"--{name}"
+        found = [each for each in os.environ if each.upper() == variable]
+        return found[0] if found else file.written(name) if name in file.values else variable
+
+    return written
+
+
+def _sentence(problem: ErrorDetails, name: str, written: Written) -> str:
+    context = problem.get("ctx", {})
+    text = str(context.get("error", problem["msg"]))
+    if "setting" in context:  # another one that this one does not go with
+        text = text.replace(context["setting"], written(context["setting"]))
+    value = "" if name in _SECRET else f" is {problem['input']!r}"
+    return f"{written(name)}{value}: {text[0].lower()}{text[1:]}"

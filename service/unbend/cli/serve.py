@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+from dataclasses import replace
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +14,7 @@ from unbend.cli.options import library_option
 from unbend.errors import ExposedError
 
 if TYPE_CHECKING:
+    from unbend.api.connections import ConnectionLimits
     from unbend.library import Library
 
 _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
@@ -29,6 +32,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
     from pydantic import ValidationError  # noqa: PLC0415
 
     from unbend.api import Settings, create_app  # noqa: PLC0415
+    from unbend.api.connections import connection_class  # noqa: PLC0415
     from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
@@ -56,9 +60,29 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
         port=port,
         log_config=log_config(settings.log_format),
         access_log=False,
+        # Named, for uvicorn would take what happens to be installed. httptools has no limit on a request's head, and
+        # uvloop gives up listening where there are no more handles.
+        http=connection_class(_within_handles(settings.connection_limits)),
+        loop="asyncio",
+        ws="none",
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
     Server(config).run()
+
+
+def _within_handles(limits: ConnectionLimits) -> ConnectionLimits:
+    """Have the system give this process all the handles it may, and leave a quarter of them to files and workers."""
+    try:
+        import resource  # noqa: PLC0415
+    except ImportError:  # Windows has no such limit
+        return limits
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(OSError, ValueError):  # macOS tells a limit that it does not give
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    handles, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if handles == resource.RLIM_INFINITY:
+        return limits
+    return replace(limits, connections=min(limits.connections, handles * 3 // 4))
 
 
 def _only_this_machine(host: str) -> bool:

@@ -23,11 +23,14 @@ from unbend.api.headers import headers_for
 from unbend.api.problems import answer, of_status
 from unbend.api.requests import HEADER
 
-LINGER_SECONDS: Final = 5.0
+LINGER_SECONDS: Final = 2.0
 """That a client which is answered while it still sends has to read the answer."""
 
 RETRY_SECONDS: Final = 5
 """After which a client that found too many connections may come again."""
+
+HEAD_BYTES: Final = 2**14
+"""That the head of a request may have."""
 
 _GRACE_SECONDS: Final = 1.0  # that a head has before others' bodies, for where all connections send bodies
 
@@ -123,9 +126,14 @@ class Connection(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take what came, unless nothing is wanted any more."""
-        if not self._leaving:
-            super().data_received(data)
-            self._note()
+        if self._leaving:
+            return
+        # The parser refuses a head that is longer and not yet whole, so it gets no more before it has said so.
+        taken = HEAD_BYTES + 1 - len(self.conn.trailing_data[0]) if self.conn.their_state is h11.IDLE else len(data)
+        super().data_received(data[:taken])
+        if len(data) > taken and not self._leaving:
+            super().data_received(data[taken:])
+        self._note()
 
     def pause_writing(self) -> None:
         """Have the application wait for the client, and not for ever."""

@@ -11,7 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from unbend.api.problems import answer, headers_of, of_error, of_status, respond
+from unbend.api.problems import Problem, answer, headers_of, of_error, of_status, respond
 from unbend.errors import BusyError, UnbendError, UploadTooLargeError, UploadTooSlowError
 
 RETRY_SECONDS: Final = 5
@@ -114,8 +114,7 @@ class Framing:
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        encoded = "transfer-encoding" in headers
-        unread = encoded or _announced(headers) > _SMALL or "expect" in headers
+        unread = "transfer-encoding" in headers or _announced(headers) > _SMALL or "expect" in headers
 
         async def reading() -> Message:
             nonlocal unread
@@ -129,11 +128,18 @@ class Framing:
                 MutableHeaders(scope=message)["Connection"] = "close"
             await send(message)
 
-        if encoded and ("content-length" in headers or scope["http_version"] == "1.0"):
-            problem = of_status(400, "the request says in two ways where its body ends")
-            await answer(problem)(scope, receive, closing)
+        if refused := _doubt(scope["http_version"], headers):
+            await answer(refused, {"Connection": "close"})(scope, receive, send)
             return
         await self._app(scope, reading, closing)
+
+
+def _doubt(version: str, headers: Headers) -> Problem | None:
+    if version not in {"1.0", "1.1"}:
+        return of_status(505, "this server speaks HTTP/1.1")
+    if "transfer-encoding" in headers and ("content-length" in headers or version == "1.0"):
+        return of_status(400, "the request says in two ways where its body ends")
+    return None
 
 
 def _announced(headers: Headers) -> int:

@@ -32,7 +32,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
     from pydantic import ValidationError  # noqa: PLC0415
 
     from unbend.api import Settings, create_app  # noqa: PLC0415
-    from unbend.api.connections import connection_class  # noqa: PLC0415
+    from unbend.api.connections import HEAD_BYTES, connection_class  # noqa: PLC0415
     from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
@@ -63,6 +63,7 @@ def serve(host: str, port: int, library: str | None, workers: int | None, is_ope
         # Named, for uvicorn would take what happens to be installed. httptools has no limit on a request's head, and
         # uvloop gives up listening where there are no more handles.
         http=connection_class(_within_handles(settings.connection_limits)),
+        h11_max_incomplete_event_size=HEAD_BYTES,
         loop="asyncio",
         ws="none",
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,

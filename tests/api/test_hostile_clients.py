@@ -345,7 +345,7 @@ def test_ten_thousand_open_connections_lock_nobody_out(tmp_path, all_handles):
         (b"GET /v1/livez HTTP/1.1\r\nHost",),
         (head("POST", "/v1/shapes", FORM, b"Content-Length: 100000"), PART),
     ]
-    with Server(tmp_path, workers=1) as server, server.http() as api:
+    with Server(tmp_path, workers=1, ready=False) as server, server.http() as api:
         is_served(api, 10)
         opened, held = handles(server), status(server.process.pid, "VmRSS")
         with contextlib.ExitStack() as stack:
@@ -359,7 +359,7 @@ def test_ten_thousand_open_connections_lock_nobody_out(tmp_path, all_handles):
 
 
 def test_more_connections_than_allowed_show_out_those_that_wait_longest(tmp_path):
-    with Server(tmp_path, workers=1, max_connections=20) as server, server.http() as api:
+    with Server(tmp_path, workers=1, ready=False, max_connections=20) as server, server.http() as api:
         half = head("POST", "/v1/shapes", FORM, b"Content-Length: 100000"), PART
         with contextlib.ExitStack() as stack:
             bodies = [stack.enter_context(Wire(server, *half)) for _ in range(10)]
@@ -380,7 +380,7 @@ def test_fewer_handles_than_connections_stop_nobody(tmp_path, monkeypatch):
     program.write_text(f"#!/bin/sh\n{limited}\n")
     program.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(program))
-    with Server(tmp_path / "server", workers=1) as server, server.http() as api, contextlib.ExitStack() as stack:
+    with Server(tmp_path / "server", workers=1, ready=False) as server, server.http() as api, contextlib.ExitStack() as stack:
         for _ in range(400):
             stack.enter_context(Wire(server))
         is_served(api, 30)

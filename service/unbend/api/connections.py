@@ -202,6 +202,7 @@ class Connection(H11Protocol):
         if self._turn == "sending" and not self._leaving:
             self._refuse(503)
         else:
+            self.room.place(self, "served", 0.0)  # at once, for many may come before asyncio tells that it is lost
             self._raw.abort()
 
     # Ending it

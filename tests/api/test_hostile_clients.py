@@ -334,7 +334,7 @@ def is_served(api: httpx.Client, number: int) -> None:
     begun = time.monotonic()
     assert api.get("/v1/livez").status_code == 200
     assert post_mesh(api, small_mesh(number), parameters=FEW).status_code in {200, 202}
-    assert time.monotonic() - begun < 5
+    assert time.monotonic() - begun < 10
 
 
 def test_ten_thousand_open_connections_lock_nobody_out(tmp_path, all_handles):
@@ -380,7 +380,9 @@ def test_fewer_handles_than_connections_stop_nobody(tmp_path, monkeypatch):
     program.write_text(f"#!/bin/sh\n{limited}\n")
     program.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(program))
-    with Server(tmp_path / "server", workers=1, ready=False) as server, server.http() as api, contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(Server(tmp_path / "server", workers=1, ready=False))
+        api = stack.enter_context(server.http())
         for _ in range(400):
             stack.enter_context(Wire(server))
         is_served(api, 30)

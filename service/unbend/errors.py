@@ -23,6 +23,8 @@
     │   └── ExposedError          others could reach the service, and nothing asks them for a key
     ├── RateLimitError            too many calls in a minute
     ├── UploadTooLargeError       more bytes than the service takes
+    ├── UploadTooSlowError        its bytes did not come in time
+    ├── BusyError                 too much at a time
     ├── QueueFullError            too many jobs wait already
     └── ServiceError              the service answered with a problem, or not at all
 
@@ -195,6 +197,24 @@ class UploadTooLargeError(UnbendError):
 
     code = "upload_too_large"
     advice = "Send a smaller file, or raise UNBEND_MAX_UPLOAD_MB."
+
+
+class UploadTooSlowError(UnbendError):
+    """The bytes of a request did not come in time."""
+
+    code = "upload_too_slow"
+    advice = "Send it again over a better line, or a smaller file."
+
+
+class BusyError(UnbendError):
+    """The service has too much of something at a time; try again after `retry_after` seconds."""
+
+    code = "busy"
+    advice = "Wait as long as Retry-After says and send the request again."
+
+    def __init__(self, message: str, retry_after: int = 1) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
 
 
 class QueueFullError(UnbendError):

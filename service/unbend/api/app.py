@@ -17,13 +17,14 @@ from unbend.api import problems
 from unbend.api.access import Access
 from unbend.api.audit import Audit
 from unbend.api.headers import SecurityHeaders
-from unbend.api.limits import BodyLimit
+from unbend.api.limits import BodyLimit, Framing
 from unbend.api.metrics import Metrics
 from unbend.api.openapi import install_schema
 from unbend.api.requests import PREFIX, Requests
 from unbend.api.routes import health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
+from unbend.api.waits import Waits
 from unbend.jobs import JobRunner
 from unbend.jobs.observer import Observers
 from unbend.library import Library
@@ -53,7 +54,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         library = Library(chosen.library)
         runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
-        app.state.service = Service(chosen, library, runner, metrics)
+        app.state.service = Service(chosen, library, runner, metrics, Waits(chosen.max_waiting))
         await runner.start()
         try:
             yield
@@ -77,8 +78,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
 def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: Traces | None) -> None:
     """Put the layers on, the innermost first: who may not call has no byte of a body read."""
-    app.add_middleware(BodyLimit, limit=settings.max_upload_mb * 2**20)
+    app.add_middleware(BodyLimit, limits=settings.body_limits)
     app.add_middleware(Access, settings=settings)
+    app.add_middleware(Framing)
     if settings.origins:
         app.add_middleware(
             CORSMiddleware,

@@ -1,56 +1,147 @@
-"""The limit on a request's bytes, counted as they arrive: before anything is parsed or kept whole."""
+"""Limits on a request's body: its bytes, counted as they arrive, and the time they take."""
 
 from __future__ import annotations
 
+import asyncio
+import sys
+from dataclasses import dataclass
+from typing import Final
+
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from unbend.api.problems import Problem, answer
-from unbend.errors import UploadTooLargeError
+from unbend.api.problems import Problem, answer, headers_of, of_error, of_status, respond
+from unbend.errors import BusyError, UnbendError, UploadTooLargeError, UploadTooSlowError
+
+RETRY_SECONDS: Final = 5
+
+_SMALL: Final = 2**16
+"""Bytes of a body that may be left unread and thrown away, so that the connection can be used again."""
 
 
-class BodyTooLarge(HTTPException):
-    """The 413 of a body that turned out too large while it was read."""
+@dataclass(frozen=True)
+class BodyLimits:
+    """What bodies may take."""
 
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.status, problem.detail)
-        self.problem = problem
+    each: int
+    """Bytes of one."""
+    together: int
+    """Bytes that have arrived of all requests that are not yet answered."""
+    stall_seconds: float
+    """Without a byte of one that is waited for."""
+    seconds: float
+    """From the beginning of one to its end."""
+
+
+class BodyRefused(HTTPException):
+    """An error of a body while it is read: an HTTPException, for FastAPI turns any other into a 400."""
+
+    def __init__(self, error: UnbendError) -> None:
+        self.problem = of_error(error)
+        super().__init__(self.problem.status, self.problem.detail, headers_of(error))
 
 
 class BodyLimit:
-    """ASGI middleware that answers 413 to a body of more than `limit` bytes, announced or not."""
+    """ASGI middleware that answers 413, 408 or 503 to bodies beyond the limits, before they are parsed or whole."""
 
-    def __init__(self, app: ASGIApp, limit: int) -> None:
+    def __init__(self, app: ASGIApp, limits: BodyLimits) -> None:
         self._app = app
-        self._limit = limit
+        self._limits = limits
+        self._held = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, counting."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        announced = dict(scope["headers"]).get(b"content-length", b"0")
-        if not announced.isdigit() or int(announced) > self._limit:
-            await answer(self._problem())(scope, receive, send)
+        if _announced(Headers(scope=scope)) > self._limits.each:
+            await respond(self._too_large())(scope, receive, send)
             return
-        received = 0
+        loop = asyncio.get_running_loop()
+        end = loop.time() + self._limits.seconds
+        received, whole, answered = 0, False, False
+
+        async def watching(message: Message) -> None:
+            nonlocal answered
+            answered = True
+            await send(message)
 
         async def counting() -> Message:
-            nonlocal received
-            message = await receive()
-            received += len(message.get("body", b""))
-            if received > self._limit:
-                # An HTTPException, for FastAPI turns any other error while it parses a body into a 400.
-                raise BodyTooLarge(self._problem())
+            nonlocal received, whole
+            if whole or answered:  # only the end of the connection can come, or what nobody asked for
+                return await receive()
+            try:
+                async with asyncio.timeout(min(self._limits.stall_seconds, end - loop.time())):
+                    message = await receive()
+            except TimeoutError:
+                if answered:
+                    return {"type": "http.disconnect"}
+                raise BodyRefused(UploadTooSlowError("the request's body took too long to arrive")) from None
+            came = len(message.get("body", b""))
+            received += came
+            self._held += came
+            whole = not message.get("more_body", False)
+            if received > self._limits.each:
+                raise BodyRefused(self._too_large())
+            if self._held > self._limits.together:
+                raise BodyRefused(BusyError("too many bytes are being sent at a time", RETRY_SECONDS))
             return message
 
-        await self._app(scope, counting, send)
+        try:
+            await self._app(scope, counting, watching)
+        finally:
+            self._held -= received
 
-    def _problem(self) -> Problem:
-        return Problem(
-            title="Content Too Large",
-            status=413,
-            detail=f"the request has more than {self._limit // 2**20} megabytes",
-            code=UploadTooLargeError.code,
-            advice=UploadTooLargeError.advice,
-        )
+    def _too_large(self) -> UploadTooLargeError:
+        return UploadTooLargeError(f"the request has more than {self._limits.each // 2**20} megabytes")
+
+
+class Framing:
+    """ASGI middleware that refuses requests whose end is in doubt, and ends connections on which one is left unread.
+
+    A body with a length and a transfer encoding ends in two places; a proxy in front may choose the other one (RFC
+    9112, section 6.3). Where an answer does not wait for a body, the rest would be read, and thrown away, as long as
+    the client sends.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, watching what is read of it."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        unread = "transfer-encoding" in headers or _announced(headers) > _SMALL or "expect" in headers
+
+        async def reading() -> Message:
+            nonlocal unread
+            message = await receive()
+            if not message.get("more_body", False):
+                unread = False
+            return message
+
+        async def closing(message: Message) -> None:
+            if message["type"] == "http.response.start" and unread:
+                MutableHeaders(scope=message)["Connection"] = "close"
+            await send(message)
+
+        if refused := _doubt(scope["http_version"], headers):
+            await answer(refused, {"Connection": "close"})(scope, receive, send)
+            return
+        await self._app(scope, reading, closing)
+
+
+def _doubt(version: str, headers: Headers) -> Problem | None:
+    if version not in {"1.0", "1.1"}:
+        return of_status(505, "this server speaks HTTP/1.1")
+    if "transfer-encoding" in headers and ("content-length" in headers or version == "1.0"):
+        return of_status(400, "the request says in two ways where its body ends")
+    return None
+
+
+def _announced(headers: Headers) -> int:
+    length = headers.get("content-length", "0")
+    return int(length) if length.isascii() and length.isdecimal() else sys.maxsize

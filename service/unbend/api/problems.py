@@ -30,6 +30,8 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.KeyInvalidError: 401,
     errors.RateLimitError: 429,
     errors.UploadTooLargeError: 413,
+    errors.UploadTooSlowError: 408,
+    errors.BusyError: 503,
     errors.QueueFullError: 429,
     errors.JobTimeoutError: 504,
     errors.JobMemoryError: 507,
@@ -83,6 +85,12 @@ def status_of(error: errors.UnbendError) -> int:
     return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
 
 
+def of_status(status: int, detail: str) -> Problem:
+    """Return the problem of an error that has no name but its status."""
+    title = _title(status)
+    return Problem(title=title, status=status, detail=detail, code=title.lower().replace(" ", "_"))
+
+
 def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
     """Return a problem as a response."""
     content = problem.model_dump(exclude_defaults=False)
@@ -91,13 +99,18 @@ def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONRespo
 
 def respond(error: errors.UnbendError) -> JSONResponse:
     """Return an error of our tree as a response."""
+    return answer(of_error(error), headers_of(error))
+
+
+def of_error(error: errors.UnbendError) -> Problem:
+    """Return the problem that an error of our tree is."""
     status = status_of(error)
-    problem = Problem(title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice)
-    return answer(problem, _headers(error))
+    return Problem(title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice)
 
 
-def _headers(error: errors.UnbendError) -> dict[str, str] | None:
-    if isinstance(error, errors.QueueFullError | errors.RateLimitError):
+def headers_of(error: errors.UnbendError) -> dict[str, str] | None:
+    """Return the headers that go with an error of our tree."""
+    if isinstance(error, errors.BusyError | errors.QueueFullError | errors.RateLimitError):
         return {"Retry-After": str(error.retry_after)}
     challenge = CHALLENGES.get(type(error))
     return {"WWW-Authenticate": challenge} if challenge else None
@@ -131,11 +144,7 @@ async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
 async def _on_http(_request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, HTTPException):
         raise error
-    title = _title(error.status_code)
-    code = title.lower().replace(" ", "_")
-    problem = getattr(error, "problem", None) or Problem(
-        title=title, status=error.status_code, detail=str(error.detail), code=code
-    )
+    problem = getattr(error, "problem", None) or of_status(error.status_code, str(error.detail))
     return answer(problem, dict(error.headers or {}))
 
 

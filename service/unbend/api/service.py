@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 
 from unbend.api.metrics import Metrics
 from unbend.api.settings import Settings
+from unbend.api.waits import Waits
 from unbend.jobs import JobRunner
 from unbend.library import Library
 
@@ -21,6 +22,7 @@ class Service:
     library: Library
     runner: JobRunner
     metrics: Metrics
+    waits: Waits
 
 
 async def _service(request: Request) -> Service:  # async, or FastAPI would go to a thread for it

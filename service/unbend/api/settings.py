@@ -10,6 +10,8 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from unbend.api.connections import ConnectionLimits
+from unbend.api.limits import BodyLimits
 from unbend.api.logs import LogFormat
 from unbend.jobs import JobLimits
 from unbend.mesh.limits import MeshLimits
@@ -37,6 +39,18 @@ class Settings(BaseSettings):
         description="Processes that compute; one for each core.",
     )
     max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes that a request may have.")
+    max_arriving_mb: int = Field(1024, ge=1, le=_MANY, description="Most megabytes of all requests in hand together.")
+    transfer_seconds: float = Field(
+        900.0, gt=0, allow_inf_nan=False, description="Seconds that a request or an answer may take."
+    )
+    stall_seconds: float = Field(30.0, gt=0, allow_inf_nan=False, description="Seconds that either may stand still.")
+    head_seconds: float = Field(
+        15.0, gt=0, allow_inf_nan=False, description="Seconds that the head of a request may take."
+    )
+    max_connections: int = Field(
+        10_000, ge=8, le=_MANY, description="Most connections; with more, idle ones are closed."
+    )
+    max_waiting: int = Field(1000, ge=1, le=_MANY, description="Most long polls and streams of events at a time.")
     max_vertices: int = Field(2_000_000, ge=4, le=_MANY, description="Most vertices that a mesh file may hold.")
     max_faces: int = Field(4_000_000, ge=1, le=_MANY, description="Most triangles that a mesh file may hold.")
     max_queued: int = Field(10_000, ge=1, le=_MANY, description="Jobs that may wait before uploads are answered 429.")
@@ -87,6 +101,26 @@ class Settings(BaseSettings):
     def origins(self) -> list[str]:
         """The origins among the settings."""
         return _listed(self.cors_origins)
+
+    @property
+    def body_limits(self) -> BodyLimits:
+        """The limits of requests' bodies among the settings."""
+        return BodyLimits(
+            each=self.max_upload_mb * 2**20,
+            together=self.max_arriving_mb * 2**20,
+            stall_seconds=self.stall_seconds,
+            seconds=self.transfer_seconds,
+        )
+
+    @property
+    def connection_limits(self) -> ConnectionLimits:
+        """The limits of connections among the settings."""
+        return ConnectionLimits(
+            head_seconds=self.head_seconds,
+            stall_seconds=self.stall_seconds,
+            transfer_seconds=self.transfer_seconds,
+            connections=self.max_connections,
+        )
 
     @property
     def limits(self) -> JobLimits:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,7 @@ from unbend.cli.options import library_option
 from unbend.errors import ExposedError
 
 if TYPE_CHECKING:
+    from unbend.api.connections import ConnectionLimits
     from unbend.library import Library
 
 _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
@@ -39,6 +42,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
 
     from unbend.api import create_app  # noqa: PLC0415
     from unbend.api.configuration import read_settings, without_password  # noqa: PLC0415
+    from unbend.api.connections import HEAD_BYTES, connection_class  # noqa: PLC0415
     from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.library import Library  # noqa: PLC0415
 
@@ -61,6 +65,12 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
         port=port,
         log_config=log_config(settings.log_format),
         access_log=False,
+        # Named, for uvicorn would take what happens to be installed. httptools has no limit on a request's head, and
+        # uvloop gives up listening where there are no more handles.
+        http=connection_class(_within_handles(settings.connection_limits)),
+        h11_max_incomplete_event_size=HEAD_BYTES,
+        loop="asyncio",
+        ws="none",
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
     Server(config).run()
@@ -73,6 +83,21 @@ def _given(context: click.Context) -> dict[str, Any]:
         for name in ("library", "workers", "open")
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }
+
+
+def _within_handles(limits: ConnectionLimits) -> ConnectionLimits:
+    """Have the system give this process all the handles it may, and leave a quarter of them to files and workers."""
+    try:
+        import resource  # noqa: PLC0415
+    except ImportError:  # Windows has no such limit
+        return limits
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(OSError, ValueError):  # macOS tells a limit that it does not give
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    handles, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if handles == resource.RLIM_INFINITY:
+        return limits
+    return replace(limits, connections=min(limits.connections, handles * 3 // 4))
 
 
 def _only_this_machine(host: str) -> bool:

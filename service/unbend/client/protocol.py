@@ -169,8 +169,9 @@ def checked(response: httpx.Response) -> httpx.Response:
 
 
 def retry_after(response: httpx.Response) -> float | None:
-    """Return the seconds to wait where the service is full, None where it is not."""
-    if response.status_code != httpx.codes.TOO_MANY_REQUESTS:
+    """Return the seconds to wait where the service has too much to do, None where it has not."""
+    busy = response.status_code == httpx.codes.SERVICE_UNAVAILABLE and "Retry-After" in response.headers
+    if response.status_code != httpx.codes.TOO_MANY_REQUESTS and not busy:
         return None
     value = response.headers.get("Retry-After", "1")
     return float(value) if value.isdecimal() else 1.0

@@ -29,7 +29,7 @@ async def list_jobs(
     return JobList(items=list(await asyncio.gather(*(_with_position(service, record) for record in records))))
 
 
-@router.get("/{job_id}", responses=problem_responses(404, 422))
+@router.get("/{job_id}", responses=problem_responses(404, 422, 503))
 async def get_job(
     service: ServiceDependency,
     job_id: str,
@@ -38,7 +38,10 @@ async def get_job(
     ] = 0.0,
 ) -> Job:
     """Return a job; with `wait` this is a long poll."""
-    record = await (service.runner.wait(job_id, wait) if wait else service.runner.status(job_id))
+    if not wait:
+        return await _with_position(service, await service.runner.status(job_id))
+    with service.waits.one():
+        record = await service.runner.wait(job_id, wait)
     return await _with_position(service, record)
 
 
@@ -51,7 +54,7 @@ async def get_job(
             "content": {EventStream.media_type: {"schema": {"type": "string"}}},
         },
         204: {"description": "The job has ended, and `Last-Event-ID` says that this is known: do not come back."},
-        **problem_responses(404, 422),
+        **problem_responses(404, 422, 503),
     },
 )
 async def follow_job(
@@ -69,8 +72,9 @@ async def follow_job(
     record = await service.runner.status(job_id)
     if record.finished and event_id(record) == last:
         return Response(status_code=204, headers=HEADERS)
+    service.waits.check()
     followed = service.metrics.counted_stream(events(service.runner, job_id, last))
-    return EventStream(followed, headers=HEADERS)
+    return EventStream(service.waits.stream(followed), headers=HEADERS)
 
 
 @router.delete("/{job_id}", responses=problem_responses(404, 422))

@@ -18,6 +18,7 @@ from unbend.api.problems import problem_responses
 from unbend.api.routes.jobs import MAX_WAIT_SECONDS
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import read_upload
+from unbend.errors import BusyError
 from unbend.library.records import JobRecord
 from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import DEFAULT_MEASURE, get_measure
@@ -62,7 +63,7 @@ _BODY = {
     response_model=Ranking,
     responses={
         202: {"model": Job, "description": "The job that computes the answer; its `result` will be it."},
-        **problem_responses(400, 404, 413, 415, 422, 429),
+        **problem_responses(400, 404, 408, 413, 415, 422, 429, 503),
     },
     openapi_extra=_BODY,
 )
@@ -105,11 +106,22 @@ async def _by_file(service: Service, form: FormData, wait: float) -> Response:
     )
     if not isinstance(answer, JobRecord):
         raise TypeError("a query does not become a shape")
-    record = await service.runner.wait(answer.id, wait) if wait else answer
+    record = await _waited(service, answer, wait)
     if record.state == "succeeded":
         return JSONResponse(record.result)
     job = Job.of(record, await service.runner.position(record))
     return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
+
+
+async def _waited(service: Service, job: JobRecord, seconds: float) -> JobRecord:
+    """Wait for a job if that is asked; where too many do, the job it became is answer enough."""
+    if not seconds:
+        return job
+    try:
+        with service.waits.one():
+            return await service.runner.wait(job.id, seconds)
+    except BusyError:
+        return job
 
 
 def _wait_seconds(prefer: str | None) -> float:

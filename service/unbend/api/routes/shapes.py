@@ -34,7 +34,10 @@ _FILE_RESPONSES: dict[int | str, dict[str, Any]] = {
     "",
     status_code=202,
     response_model=Job,
-    responses={200: {"model": Shape, "description": "Stored already."}, **problem_responses(413, 415, 422, 429)},
+    responses={
+        200: {"model": Shape, "description": "Stored already."},
+        **problem_responses(408, 413, 415, 422, 429, 503),
+    },
 )
 async def upload_shape(
     service: ServiceDependency,

@@ -47,9 +47,7 @@ class Settings(BaseSettings):
     head_seconds: float = Field(
         15.0, gt=0, allow_inf_nan=False, description="Seconds that the head of a request may take."
     )
-    max_connections: int = Field(
-        10_000, ge=8, le=_MANY, description="Most connections; with more, idle ones are closed."
-    )
+    max_connections: int = Field(10_000, ge=8, le=_MANY, description="Most connections; idle ones are closed first.")
     max_waiting: int = Field(1000, ge=1, le=_MANY, description="Most long polls and streams of events at a time.")
     max_vertices: int = Field(2_000_000, ge=4, le=_MANY, description="Most vertices that a mesh file may hold.")
     max_faces: int = Field(4_000_000, ge=1, le=_MANY, description="Most triangles that a mesh file may hold.")

@@ -258,12 +258,15 @@ def test_a_query_with_a_stored_mesh_finds_it_and_leaves_it(shared, loop):
 def test_progress_moves_through_the_stages(shared, loop):
     runner, _ = shared
 
+    details: list[tuple[str, dict[str, float]]] = []
+
     async def story() -> list[tuple[str, float]]:
         job_id = await queue(runner, ply(torus(columns=82, rows=60)), Parameters(samples=300))
         seen = []
 
         def look(job: JobRecord) -> bool:
             seen.append((job.stage, job.progress))
+            details.append((job.stage, job.detail))
             return job.finished
 
         await until(runner, job_id, look)
@@ -271,7 +274,11 @@ def test_progress_moves_through_the_stages(shared, loop):
 
     seen = loop(story())
     stages = list(dict.fromkeys(stage for stage, _ in seen))
-    order = ["queued", "starting", "reading", "sampling", "geodesics", "embedding", "describing", "done"]
+    rows = [detail["row"] for stage, detail in details if stage == "geodesics"]
+    assert rows == sorted(rows)
+    assert 0 < rows[-1] <= 300
+    assert details[-1] == ("done", {})
+    order = ["queued", "starting", "reading", "repairing", "sampling", "geodesics", "embedding", "describing", "done"]
     assert [stage for stage in order if stage in stages] == stages
     assert "geodesics" in stages
     shares = [share for _, share in seen]

@@ -176,6 +176,24 @@ def test_progress_names_the_stages_and_only_grows():
     assert sum(stage == "geodesics" for stage, _ in seen) > 5
 
 
+def test_progress_tells_samples_rows_iterations_and_their_stress():
+    seen: list[tuple[str, dict[str, float]]] = []
+    signature = compute_signature(
+        torus(), Parameters(samples=100), progress=lambda stage, _: seen.append((stage, stage.detail))
+    )
+    told = {
+        name: [detail for stage, detail in seen if stage == name] for name in ("sampling", "geodesics", "embedding")
+    }
+    assert told["sampling"][0] == {"sample": 0, "samples": 100}
+    assert told["sampling"][-1] == {"sample": 100, "samples": 100}
+    assert told["geodesics"][-1] == {"row": 100, "rows": 100}
+    iterations = [detail for detail in told["embedding"] if detail]
+    assert [detail["iteration"] for detail in iterations[:3]] == [1, 2, 3]
+    stresses = [detail["stress"] for detail in iterations]
+    assert stresses == sorted(stresses, reverse=True)
+    assert stresses[-1] == pytest.approx(signature.stress, rel=1e-6)
+
+
 def test_signatures_cannot_be_changed():
     signature = compute_signature(tetrahedron())
     with pytest.raises(ValueError, match="read-only"):

@@ -101,6 +101,10 @@ class Job(BaseModel):
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     stage: str = Field(examples=["geodesics"])
     progress: float = Field(ge=0, le=1, examples=[0.42])
+    detail: dict[str, float] = Field(
+        description="What a running stage tells: `sample` of `samples`, `row` of `rows`, or `iteration` and `stress`.",
+        examples=[{"row": 120, "rows": 300}],
+    )
     position: int | None = Field(description="Jobs that wait before this one; null once it runs.")
     attempts: int = Field(description="How often it was begun; a lost process costs one.")
     error: JobError | None

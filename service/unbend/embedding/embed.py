@@ -14,7 +14,7 @@ from unbend.embedding.checks import check_distances, check_pair_weights, check_p
 from unbend.embedding.classical import classical_scaling
 from unbend.embedding.dimension import effective_dimension
 from unbend.embedding.fast import fastmap
-from unbend.embedding.least_squares import smacof
+from unbend.embedding.least_squares import Progress, smacof
 from unbend.embedding.stress import stress
 from unbend.errors import ParameterError
 from unbend.threads import check_threads
@@ -51,6 +51,7 @@ def embed(
     weights: ArrayLike | None = None,
     starts: int = 0,
     threads: int | None = None,
+    progress: Progress | None = None,
 ) -> Embedding:
     """Embed points in `dimensions` dimensions so that their distances are near those given.
 
@@ -71,6 +72,8 @@ def embed(
         Further starts of "least_squares" from random points, the same on every run; the lowest stress wins.
     threads : int, optional
         All cores by default. The result does not depend on it.
+    progress : callable, optional
+        Called after each iteration of "least_squares" with its number and the stress; anew from each start.
 
     Returns
     -------
@@ -96,17 +99,19 @@ def embed(
     points, eigenvalues = classical_scaling(matrix, wanted, shares)
     if method == "classical":
         return Embedding(points, stress(points, matrix), 0, eigenvalues)
-    found = [_scaled(matrix, points, pairs, threads)]
+    found = [_scaled(matrix, points, pairs, threads, progress)]
     fast, _ = fastmap(matrix, wanted)
     if stress(fast, matrix, pairs) < found[0].stress:  # the classical start led to a poor minimum
-        found.append(_scaled(matrix, fast, pairs, threads))
-    found += [_scaled(matrix, start, pairs, threads) for start in _random_points(matrix, wanted, starts)]
+        found.append(_scaled(matrix, fast, pairs, threads, progress))
+    found += [_scaled(matrix, start, pairs, threads, progress) for start in _random_points(matrix, wanted, starts)]
     best = min(found, key=lambda scaled: scaled.stress)
     return replace(best, eigenvalues=eigenvalues)
 
 
-def _scaled(matrix: Floats, start: Floats, weights: Floats | None, threads: int | None) -> Embedding:
-    points, iterations = smacof(matrix, start, weights, threads=threads)
+def _scaled(
+    matrix: Floats, start: Floats, weights: Floats | None, threads: int | None, progress: Progress | None
+) -> Embedding:
+    points, iterations = smacof(matrix, start, weights, threads=threads, progress=progress)
     return Embedding(points, stress(points, matrix, weights), iterations, np.empty(0))
 
 

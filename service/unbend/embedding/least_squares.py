@@ -18,6 +18,9 @@ from unbend.embedding.quasi_newton import minimise
 from unbend.errors import ParameterError
 from unbend.tolerances import SINGLE_STRESS, SMACOF_DECREASE, SMACOF_ITERATIONS, SMACOF_MEMORY, ZERO_STRESS
 
+Progress = Callable[[int, float], None]
+"""Called with the number of an iteration and the stress after it."""
+
 
 def smacof(
     distances: Floats,
@@ -28,6 +31,7 @@ def smacof(
     decrease: float = SMACOF_DECREASE,
     iterations: int = SMACOF_ITERATIONS,
     threads: int | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Floats, int]:
     """Lower the stress of `start` until iterations gain less than `decrease` of it.
 
@@ -46,6 +50,8 @@ def smacof(
         Most iterations made.
     threads : int, optional
         All cores by default. The result does not depend on it.
+    progress : callable, optional
+        Called after each iteration with its number and the stress.
 
     Returns
     -------
@@ -65,15 +71,21 @@ def smacof(
     inverse = _laplacian_inverse(weights, len(distances))
     axes, made = np.ascontiguousarray((start - start.mean(axis=0)).T), 0
     for single, floor in ((True, SINGLE_STRESS), (False, ZERO_STRESS)):
+        report = None if progress is None else _counted_from(made, progress)
         function = StressGradient(distances, weights, single=single, threads=threads)
         found = minimise(
             function, inverse, axes,
             memory=memory, decrease=decrease, evaluations=iterations - made, floor=floor,
+            progress=report,
         )  # fmt: skip
         axes, made = found.point, made + found.evaluations
         if found.value > floor:
             break
     return np.ascontiguousarray(axes.T), made
+
+
+def _counted_from(made: int, progress: Progress) -> Progress:
+    return lambda count, stress: progress(made + count, stress)
 
 
 def _are_equal(weights: Floats) -> bool:

@@ -36,6 +36,7 @@ def minimise(
     decrease: float,
     evaluations: int,
     floor: float,
+    progress: Callable[[int, float], None] | None = None,
 ) -> Minimum:
     """Lower `function` from `start` on; it never rises.
 
@@ -55,6 +56,8 @@ def minimise(
         Most evaluations made after the first.
     floor : float
         A value that is low enough.
+    progress : callable, optional
+        Called after each evaluation with their number and the lowest value.
     """
     point = start
     value, gradient = function(point)
@@ -64,6 +67,8 @@ def minimise(
         step = -history.direction(gradient, inverse)
         new_value, new_gradient = function(point + step)
         made += 1
+        if progress:
+            progress(made, min(value, new_value))
         if not new_value < value:
             if history.size == 0:
                 break  # rounding: not even the safe step gains

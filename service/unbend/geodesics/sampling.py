@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,6 +19,9 @@ from unbend.geodesics.stencils import SLOTS, Stencils, stencils_of
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
 from unbend.tolerances import SAMPLING_TIE
+
+_AT_A_TIME: Final = 32
+"""Samples between two reports of progress: enough that asking costs nothing."""
 
 _TIE: Final = np.float32(1.0 - SAMPLING_TIE)
 
@@ -58,8 +62,18 @@ def farthest_point_sampling(surface: Surface, count: int, *, start: int | None =
     return sample_farthest(surface, stencils_of(surface), count, start=start).samples
 
 
-def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: int | None = None) -> Sampling:
-    """Return the sampling of `farthest_point_sampling` from stencils already built, with its Voronoi cells."""
+def sample_farthest(
+    surface: Surface,
+    stencils: Stencils,
+    count: int,
+    *,
+    start: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Sampling:
+    """Return the sampling of `farthest_point_sampling` from stencils already built, with its Voronoi cells.
+
+    `progress` is told now and then how many samples there are.
+    """
     used = surface.used_vertices
     if not 1 <= count <= len(used):
         raise ParameterError(f"count must be between 1 and {len(used)}, the vertices that faces use, not {count}")
@@ -69,33 +83,39 @@ def sample_farthest(surface: Surface, stencils: Stencils, count: int, *, start: 
     vertex = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
     wanted = [1, 1, count] if start is None else [count]
     for number in wanted:  # a single sample's farthest vertex is where the next search starts
-        samples, owner, distance = _sample(stencils, usable, vertex, number)
+        samples, owner, distance = _sample(stencils, usable, vertex, number, progress)
         vertex = int(np.where(np.isfinite(distance), distance, -1.0).argmax())
     radius = float(distance[np.isfinite(distance)].max(initial=0.0)) * stencils.unit
     return Sampling(vertex_at[samples].astype(np.int64), owner[stencils.place], radius)
 
 
-def _sample(stencils: Stencils, usable: Bools, first: int, count: int) -> tuple[Ints, Ints, NDArray[np.float32]]:
+def _sample(
+    stencils: Stencils, usable: Bools, first: int, count: int, progress: Callable[[int], None] | None
+) -> tuple[Ints, Ints, NDArray[np.float32]]:
     """Return `count` samples from `first` on, each vertex's nearest sample, and its distance in median edges."""
     size = stencils.vertex_count
     distance, owner = np.full(size, UNREACHED), np.full(size, -1, np.int32)
-    samples = _sample_from(
-        stencils.arrays, usable, first, count, distance, owner,
-        np.empty(size, np.int32), SLOTS, start_arrays(size), front_arrays(size),
-    )  # fmt: skip
+    samples, free, vertex = np.empty(count, np.int32), usable.copy(), first
+    reached, start, front = np.empty(size, np.int32), start_arrays(size), front_arrays(size)
+    for begin in range(0, count, _AT_A_TIME):
+        end = min(count, begin + _AT_A_TIME)
+        vertex = _sample_on(
+            stencils.arrays, free, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
+        )
+        if progress:
+            progress(end)
     return samples, owner, distance
 
 
 @kernel
-def _sample_from(stencils, usable, vertex, count, distance, owner, reached, width, start, front):
-    samples = np.empty(count, np.int32)
-    free = usable.copy()
-    for number in range(count):
+def _sample_on(stencils, free, vertex, begin, end, samples, distance, owner, reached, width, start, front):
+    """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the one that would be next."""
+    for number in range(begin, end):
         samples[number] = vertex
         free[vertex] = False
         spread(stencils, vertex, number, np.inf, distance, owner, reached, width, start, front)
         vertex = _farthest(distance, free)
-    return samples
+    return vertex
 
 
 @kernel

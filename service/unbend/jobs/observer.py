@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 from unbend.library.records import JobRecord
 
-STAGES: Final = ("starting", "reading", "sampling", "geodesics", "embedding", "describing")
+STAGES: Final = ("starting", "reading", "repairing", "sampling", "geodesics", "embedding", "describing")
 """What a running job is at, in this order."""
 
 CURRENT_JOB: Final[ContextVar[str | None]] = ContextVar("unbend job", default=None)

@@ -31,6 +31,10 @@ class StageClock:
         self._last: Report | None = None
         self._since = self._told = time.perf_counter()
 
+    def begin(self, stage: str) -> None:
+        """Report a stage of which no more can be told, before anything is computed."""
+        self.report(stage, 0.0)
+
     def report(self, stage: str, share: float) -> None:
         """Report; a stage lasts until the first report of the next."""
         now = time.perf_counter()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -92,8 +93,7 @@ def compute(task: Task) -> Outcome:
     """
     clock = StageClock()
     try:
-        clock.report("reading", 0.0)
-        surface = _read(task.mesh)
+        surface = _read(task.mesh, clock.begin)
         signature = compute_signature(surface, Parameters.from_json(task.parameters), progress=clock.report, threads=1)
     except MemoryError:
         raise JobMemoryError("the mesh needs more memory than a job may use") from None
@@ -145,10 +145,10 @@ def warm_up() -> None:
         compare(first, second, measure)
 
 
-def _read(mesh: StoredMesh) -> Surface:
+def _read(mesh: StoredMesh, progress: Callable[[str], None] | None = None) -> Surface:
     with _store(mesh.store_url).read() as connection:
         data = get_mesh(connection, mesh.sha256)
-    return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy, limits=mesh.limits)
+    return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy, limits=mesh.limits, progress=progress)
 
 
 @cache

@@ -35,6 +35,7 @@ def read_mesh(
     file_type: str | None = None,
     policy: MeshPolicy | None = None,
     limits: MeshLimits | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Surface:
     """Read a mesh from a path, bytes or a binary file object.
 
@@ -49,6 +50,8 @@ def read_mesh(
         all vertices, where they are, by default.
     limits : MeshLimits, optional
         Most vertices and triangles that the file may hold, whatever the policy makes of them; any number by default.
+    progress : callable, optional
+        Called with the name of each stage as it begins: "reading", "repairing".
 
     Returns
     -------
@@ -70,6 +73,8 @@ def read_mesh(
     OSError
         If a path cannot be read.
     """
+    report = progress or (lambda _stage: None)
+    report("reading")
     data, hint = _bytes_of(source)
     kind = detect_format(data, (file_type or hint).lower().lstrip("."))
     limits = limits or UNLIMITED
@@ -78,6 +83,7 @@ def read_mesh(
     if kind == "stl":
         vertices, faces = _weld(vertices, faces)
     limits.check(len(vertices), len(faces))
+    report("repairing")
     return repair(vertices, faces, file_type=kind, policy=policy)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from typing import Self
 
 import numpy as np
 
@@ -23,10 +25,24 @@ from unbend.signature.parameters import Parameters
 from unbend.signature.signature import Signature
 
 Progress = Callable[[str, float], None]
-"""Called with a stage's name and the share of the whole that is done, 0 to 1."""
+"""Called with a stage's name, a `Stage`, and the share of the whole that is done, 0 to 1."""
 
 # Where each stage begins, as a share of the whole. The distance rows are nearly all of the work.
 _SAMPLING, _GEODESICS, _EMBEDDING, _DESCRIBING = 0.02, 0.1, 0.85, 0.98
+_MANY_ITERATIONS = 100  # after so many, half of the embedding's share is shown as done
+
+
+class Stage(str):
+    """A stage's name, and what it can tell of itself: `sample` of `samples`, or `iteration` and `stress`."""
+
+    __slots__ = ("detail",)
+    detail: dict[str, float]
+
+    def __new__(cls, name: str, **detail: float) -> Self:
+        """Make it equal to its name."""
+        stage = super().__new__(cls, name)
+        stage.detail = detail
+        return stage
 
 
 def compute_signature(
@@ -45,7 +61,7 @@ def compute_signature(
     parameters : Parameters, optional
         Defaults as `Parameters()` has them.
     progress : callable, optional
-        Called as progress(stage, share) while the work goes on.
+        Called as progress(stage, share) while the work goes on; `stage.detail` tells more.
     threads : int, optional
         For distance rows and embedding; all cores by default. The result does not depend on it.
 
@@ -66,13 +82,24 @@ def compute_signature(
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
 
-    report("sampling", _SAMPLING)
-    stencils = stencils_of(surface)
-    count = min(chosen.samples, len(surface.used_vertices))
-    sampling = sample_farthest(surface, stencils, count)
+    count, iterations = min(chosen.samples, len(surface.used_vertices)), itertools.count(1)
+
+    def report_samples(made: int) -> None:
+        share = _SAMPLING + made / count * (_GEODESICS - _SAMPLING)
+        report(Stage("sampling", sample=made, samples=count), share)
 
     def report_rows(share: float) -> None:
-        report("geodesics", _GEODESICS + share * (_EMBEDDING - _GEODESICS))
+        stage = Stage("geodesics", row=round(share * count), rows=count)
+        report(stage, _GEODESICS + share * (_EMBEDDING - _GEODESICS))
+
+    def report_iteration(made: int, stress: float) -> None:
+        all_made = next(iterations)  # of all starts
+        share = _EMBEDDING + all_made / (all_made + _MANY_ITERATIONS) * (_DESCRIBING - _EMBEDDING)
+        report(Stage("embedding", iteration=made, stress=stress), share)
+
+    report_samples(0)
+    stencils = stencils_of(surface)
+    sampling = sample_farthest(surface, stencils, count, progress=report_samples)
 
     report_rows(0.0)
     samples = sampling.samples.astype(np.int32)
@@ -80,10 +107,12 @@ def compute_signature(
     if not np.isfinite(matrix.distances).all():
         raise MeshGeometryError("the faces do not hang together: keep one component")
 
-    report("embedding", _EMBEDDING)
-    embedding = embed(matrix.distances, chosen.dimensions, method=chosen.method, threads=threads)
+    report(Stage("embedding"), _EMBEDDING)
+    embedding = embed(
+        matrix.distances, chosen.dimensions, method=chosen.method, threads=threads, progress=report_iteration
+    )
 
-    report("describing", _DESCRIBING)
+    report(Stage("describing"), _DESCRIBING)
     weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)
     posed = principal_pose(embedding.points, weights)
     faces = signature_faces(surface, sampling.samples, sampling.nearest, matrix.distances)

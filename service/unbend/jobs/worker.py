@@ -14,7 +14,7 @@ from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.limits import limit_process
 from unbend.jobs.progress import StageClock
-from unbend.library.engine import Store
+from unbend.library import Library
 from unbend.library.payload import PackedSignature
 from unbend.library.shapes import get_mesh
 from unbend.matching.measures import MEASURES, compare
@@ -136,6 +136,18 @@ def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes
     return export_flattening(flatten(_read(mesh), parameters, threads=1), file_type)
 
 
+def library_map(
+    store_url: str, measure: str, parameters: Parameters | None, dimensions: int, limit: int
+) -> dict[str, Any]:
+    """Return `Library.map` as JSON has it."""
+    return _library(store_url).map(measure, parameters=parameters, dimensions=dimensions, limit=limit).as_dict()
+
+
+def library_evaluation(store_url: str, measure: str, parameters: Parameters | None) -> dict[str, Any]:
+    """Return `Library.evaluation` as JSON has it."""
+    return _library(store_url).evaluation(measure, parameters=parameters).as_dict()
+
+
 def warm_up() -> None:
     """Compile or load every kernel by comparing two small signatures."""
     first, second = (
@@ -146,11 +158,11 @@ def warm_up() -> None:
 
 
 def _read(mesh: StoredMesh, progress: Callable[[str], None] | None = None) -> Surface:
-    with _store(mesh.store_url).read() as connection:
+    with _library(mesh.store_url).store.read() as connection:
         data = get_mesh(connection, mesh.sha256)
     return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy, limits=mesh.limits, progress=progress)
 
 
 @cache
-def _store(url: str) -> Store:
-    return Store(url, migrate=False)
+def _library(url: str) -> Library:
+    return Library(url, migrate=False)

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query
 from unbend.api.models import ClassCount, ClassList, EvaluationResult, ShapeMap
 from unbend.api.problems import problem_responses
 from unbend.api.service import ServiceDependency
+from unbend.jobs.worker import library_evaluation, library_map
 from unbend.library.overview import MAP_LIMIT
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.signature.parameters import Parameters
@@ -29,7 +30,7 @@ def list_classes(service: ServiceDependency) -> ClassList:
 
 
 @router.get("/map", responses=problem_responses(422))
-def get_map(
+async def get_map(
     service: ServiceDependency,
     measure: MeasureQuery = DEFAULT_MEASURE,
     parameters: ParametersQuery = None,
@@ -40,15 +41,15 @@ def get_map(
 ) -> ShapeMap:
     """Place the stored shapes so that those alike are near each other: by their signatures, and as they stand."""
     chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = service.library.map(measure, parameters=chosen, dimensions=dimensions, limit=limit)
-    return ShapeMap.model_validate(found.as_dict())
+    found = await service.runner.call(library_map, service.library.store.url, measure, chosen, dimensions, limit)
+    return ShapeMap.model_validate(found)
 
 
 @router.get("/evaluation", responses=problem_responses(422))
-def get_evaluation(
+async def get_evaluation(
     service: ServiceDependency, measure: MeasureQuery = DEFAULT_MEASURE, parameters: ParametersQuery = None
 ) -> EvaluationResult:
     """Ask every labelled shape of all others, and say how often and how early they find their class."""
     chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = service.library.evaluation(measure, parameters=chosen)
-    return EvaluationResult.model_validate({"measure": measure, **found.as_dict()})
+    found = await service.runner.call(library_evaluation, service.library.store.url, measure, chosen)
+    return EvaluationResult.model_validate({"measure": measure, **found})

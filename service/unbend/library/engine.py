@@ -9,14 +9,17 @@ from typing import Any
 
 from alembic import command
 from alembic.config import Config
+from alembic.script import ScriptDirectory
 from alembic.util import CommandError
 from sqlalchemy import URL, Connection, Engine, create_engine, event
 from sqlalchemy.exc import ArgumentError, DatabaseError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
+from unbend.library.erasing import LogEraser, take_mark
 
 _BUSY_SECONDS = 30
 _MIGRATIONS = Path(__file__).parent / "migrations"
+_TOOLS = {"postgresql": "pg_dump and pg_restore", "mysql": "mysqldump", "mariadb": "mariadb-dump"}
 
 
 class Store:
@@ -40,7 +43,9 @@ class Store:
     def __init__(self, url: str, *, migrate: bool = True) -> None:
         self.url = url
         self._engine = _create_engine(url)
+        self._eraser: LogEraser | None = None
         if self._engine.dialect.name == "sqlite":
+            self._eraser = LogEraser(self._engine)
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "begin", _begin_sqlite)
         if migrate:
@@ -56,11 +61,60 @@ class Store:
     def write(self) -> Iterator[Connection]:
         """Yield a connection whose changes are kept together, on disk, when the block ends without an error."""
         with self._engine.begin() as connection:
+            take_mark(connection)  # of a transaction that was undone
             yield connection
+            erased = take_mark(connection)
+        if erased:
+            self.erase()
+
+    @contextmanager
+    def driver_connection(self) -> Iterator[Any]:
+        """Yield a connection as the database's driver has it, outside any transaction."""
+        raw = self._engine.raw_connection()
+        try:
+            yield raw.driver_connection
+        finally:
+            raw.close()
+
+    def erase(self) -> None:
+        """Empty SQLite's write-ahead log, so that nothing deleted is found there; soon, if a reader is in the way."""
+        if self._eraser is not None:
+            self._eraser.erase()
 
     def close(self) -> None:
         """Close all connections."""
+        if self._eraser is not None:
+            self._eraser.close()
         self._engine.dispose()
+
+
+def sqlite_file(url: str) -> Path:
+    """Return the file of a library, which need not be there.
+
+    Raises
+    ------
+    ParameterError
+        If it is in another database than SQLite; the message names that one's own tool.
+    """
+    engine = _create_engine(url)
+    if engine.dialect.name != "sqlite":
+        tool = _TOOLS.get(engine.dialect.name, "the database's own tool")
+        raise ParameterError(f"the library is no SQLite file but in {engine.dialect.name}: use {tool}")
+    if engine.url.database in {None, "", ":memory:"}:
+        raise ParameterError("the library is in memory, not in a file")
+    return Path(str(engine.url.database))
+
+
+def must_be_there(url: str) -> None:
+    """Raise ParameterError where a library is an SQLite file that is not there: opening it would make an empty one."""
+    address = _create_engine(url).url
+    if address.get_backend_name() == "sqlite" and address.database and not Path(address.database).is_file():
+        raise ParameterError(f"there is no library at {address.database}")
+
+
+def revisions() -> frozenset[str]:
+    """Return the revisions of the schema that this version knows."""
+    return frozenset(script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions())
 
 
 def _create_engine(url: str) -> Engine:
@@ -80,6 +134,7 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:
     cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
     cursor.execute("PRAGMA journal_mode = WAL")
     cursor.execute("PRAGMA synchronous = FULL")  # what was acknowledged survives a power cut
+    cursor.execute("PRAGMA secure_delete = ON")  # what was deleted is overwritten
     cursor.close()
 
 
@@ -91,10 +146,15 @@ def _begin_sqlite(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN" if options.get("unbend_reading") else "BEGIN IMMEDIATE")
 
 
-def _migrate(engine: Engine) -> None:
+def _config() -> Config:
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
+    return config
+
+
+def _migrate(engine: Engine) -> None:
+    config = _config()
     try:
         with engine.execution_options(unbend_migrating=True).begin() as connection:
             config.attributes["connection"] = connection

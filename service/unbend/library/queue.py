@@ -10,6 +10,7 @@ from sqlalchemy import Connection, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
+from unbend.library.forgetting import without_gone
 from unbend.library.key import UploadKey
 from unbend.library.records import JobKind, JobRecord, JobState
 from unbend.library.schema import jobs
@@ -107,7 +108,7 @@ def finish(
         "state": state,
         "finished_at": datetime.now(UTC),
         "error": error,
-        "result": result,
+        "result": without_gone(connection, result),  # shapes may have been removed since it was made
     }
     values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if done else reached or {}
     sha256 = connection.scalar(

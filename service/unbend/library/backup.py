@@ -63,7 +63,7 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
     _must_be_free(target, source, overwrite)
     with _staged(target) as staged:
         _copy(source, staged)
-        found = check_backup(staged)
+        found = check_backup(staged, source)
         shutil.copymode(source, staged)
         _sync(staged)
         staged.replace(target)
@@ -119,8 +119,8 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
     return Backup(target, found.size, found.shapes, found.revision)
 
 
-def check_backup(path: Path) -> Backup:
-    """Look at every page of a library's file.
+def check_backup(path: Path, origin: Path | None = None) -> Backup:
+    """Look at every page of a library's file; errors are about `origin` if that is where it comes from.
 
     Raises
     ------
@@ -129,21 +129,22 @@ def check_backup(path: Path) -> Backup:
     StoreVersionError
         If a later version made it.
     """
+    told = origin or path
     try:
         with closing(_open(path)) as connection:
             tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not {"alembic_version", "shapes", "meshes", "jobs"} <= tables:
-                raise BackupError(f"{path} is no library of unbend")
+                raise BackupError(f"{told} is no library of unbend")
             faults = [text for (text,) in connection.execute("PRAGMA integrity_check(1)") if text != "ok"]
             faults += [f"a row of {row[0]} refers to nothing" for row in connection.execute("PRAGMA foreign_key_check")]
             if faults:
-                raise BackupError(f"{path} is damaged: {faults[0].splitlines()[-1]}")
+                raise BackupError(f"{told} is damaged: {faults[0].splitlines()[-1]}")
             (revision,) = connection.execute("SELECT max(version_num) FROM alembic_version").fetchone()
             (shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
     except sqlite3.DatabaseError as error:
-        raise BackupError(f"{path} is no library, or damaged: {error}") from error
+        raise BackupError(f"{told} is no library, or damaged: {error}") from error
     if revision not in revisions():
-        raise StoreVersionError(f"{path} was made by a later version of unbend")
+        raise StoreVersionError(f"{told} was made by a later version of unbend")
     return Backup(path, path.stat().st_size, shapes, revision)
 
 

@@ -11,7 +11,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
-from sqlalchemy import URL, Connection, Engine, create_engine, event
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DatabaseError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
@@ -96,18 +96,18 @@ def sqlite_file(url: str) -> Path:
     ParameterError
         If it is in another database than SQLite; the message names that one's own tool.
     """
-    engine = _create_engine(url)
-    if engine.dialect.name != "sqlite":
-        tool = _TOOLS.get(engine.dialect.name, "the database's own tool")
-        raise ParameterError(f"the library is no SQLite file but in {engine.dialect.name}: use {tool}")
-    if engine.url.database in {None, "", ":memory:"}:
+    address = _address(url)
+    kind = address.get_backend_name()
+    if kind != "sqlite":
+        raise ParameterError(f"the library is no SQLite file but in {kind}: use {_TOOLS.get(kind, 'its own tool')}")
+    if address.database in {None, "", ":memory:"}:
         raise ParameterError("the library is in memory, not in a file")
-    return Path(str(engine.url.database))
+    return Path(str(address.database))
 
 
 def must_be_there(url: str) -> None:
     """Raise ParameterError where a library is an SQLite file that is not there: opening it would make an empty one."""
-    address = _create_engine(url).url
+    address = _address(url)
     if address.get_backend_name() == "sqlite" and address.database and not Path(address.database).is_file():
         raise ParameterError(f"there is no library at {address.database}")
 
@@ -119,13 +119,22 @@ def revisions() -> frozenset[str]:
 
 def _create_engine(url: str) -> Engine:
     try:
-        if "://" not in url:
-            return create_engine(URL.create("sqlite", database=str(Path(url).expanduser())))
-        return create_engine(url)
+        return create_engine(_address(url))
     except (ArgumentError, ImportError):  # the driver of a database that is not installed
-        raise ParameterError(
-            f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know"
-        ) from None
+        raise _unknown(url) from None
+
+
+def _address(url: str) -> URL:
+    if "://" not in url:
+        return URL.create("sqlite", database=str(Path(url).expanduser()))
+    try:
+        return make_url(url)
+    except (ArgumentError, ValueError):  # a port that is no number
+        raise _unknown(url) from None
+
+
+def _unknown(url: str) -> ParameterError:
+    return ParameterError(f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know")
 
 
 def _prepare_sqlite(connection: Any, _record: object) -> None:

@@ -63,12 +63,9 @@ def measured(path: Path, size: int, *, overwritten: bool, log_emptied: bool) -> 
     """Return the median milliseconds of a query and of a removal."""
     with Library(str(path)) as library:
         if not overwritten:
-            event.listen(
-                library.store._engine,
-                "connect",
-                lambda connection, _: connection.execute("PRAGMA secure_delete = OFF"),  # noqa: SLF001
-            )
-            library.store._engine.dispose()  # noqa: SLF001
+            engine = library.store._engine  # noqa: SLF001
+            event.listen(engine, "connect", lambda connection, _: connection.execute("PRAGMA secure_delete = OFF"))
+            engine.dispose()
         if not log_emptied:
             library.store.erase = lambda: None
         queries, removals = [], []

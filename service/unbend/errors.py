@@ -9,7 +9,8 @@
     ├── ParameterError            an argument is out of its range
     ├── StoreError                the library's store
     │   ├── NotFoundError         no such record
-    │   └── StoreVersionError     the store was made by another version
+    │   ├── StoreVersionError     the store was made by another version
+    │   └── BackupError           a file is no whole library
     ├── JobError                  why a job did not give a result
     │   ├── JobTimeoutError       it ran longer than allowed
     │   ├── JobMemoryError        it asked for more memory than allowed
@@ -104,6 +105,13 @@ class StoreVersionError(StoreError):
 
     code = "store_version"
     advice = "Open it with the version of unbend that made it, or a newer one."
+
+
+class BackupError(StoreError):
+    """A file that should be a library, or the backup of one, is not, or is damaged."""
+
+    code = "backup"
+    advice = "Take an older backup, or make a new one."
 
 
 class JobError(UnbendError):

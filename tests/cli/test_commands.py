@@ -20,7 +20,10 @@ from unbend.matching.evaluate import evaluate, leave_one_out
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
-COMMANDS = {"serve", "signature", "flatten", "compare", "import", "query", "evaluate", "keys", "openapi", "demo"}
+COMMANDS = {
+    "serve", "signature", "flatten", "compare", "import", "export", "query", "evaluate", "backup", "restore", "keys",
+    "openapi", "demo",
+}  # fmt: skip
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}
 MEMBERS = {
@@ -427,12 +430,12 @@ def test_evaluation_shows_a_table_of_the_measures_picked(folder):
         ("file,class\nsheets/flat.ply,a\n", ["'path'"]),
         ("", ["no column"]),
         ("path,class\n", ["no rows"]),
-        ("path,class\nsheets/flat.ply,\n", ["line 2", "empty"]),
+        ("path,class\n,a\n", ["line 2", "empty"]),
         ("path,class\nsheets/flat.ply,a\nnowhere.ply,b\n", ["line 3", "nowhere.ply"]),
         ("path,class\nsheets/flat.ply,caf\udce9\n", []),
         ("path,class\n" + "x" * 200_000 + ",a\n", []),
     ],
-    ids=["no class", "no path", "empty", "no rows", "no label", "no file", "not UTF-8", "long field"],
+    ids=["no class", "no path", "empty", "no rows", "no name", "no file", "not UTF-8", "long field"],
 )
 @pytest.mark.parametrize("command", ["evaluate", "import"])
 def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_path, command, text, words):
@@ -440,6 +443,51 @@ def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_pat
     labels.write_bytes(text.encode(errors="surrogateescape"))
     library = ["--library", tmp_path / "library.db"] if command == "import" else []
     failed_with_a_sentence(called(command, folder, "--labels", labels, *library), "labels.csv", *words)
+
+
+def test_files_without_a_class_are_imported_without_a_label_and_not_evaluated(folder, tmp_path):
+    labels = tmp_path / "labels.csv"
+    rows = [f"{name},{'' if name.endswith('shut.ply') else Path(name).parent}" for name in MEMBERS]
+    labels.write_text("\n".join(["path,class", *rows]))
+    succeeded("import", folder, "--labels", labels, "--library", tmp_path / "a.db", run=called)
+    with Library(str(tmp_path / "a.db")) as opened:
+        assert (len(opened), opened.labels()) == (5, {"sheets": 2, "rings": 2})
+    command = ["evaluate", folder, "--labels", labels, "--measure", "moments", "--per-class", "--samples", 40]
+    done = succeeded(*command, run=called)
+    assert "1 of 5 files have no class and are left out" in done.stderr
+    assert [line.split()[:2] for line in done.stdout.split("\n\n")[1].splitlines()[1:]] == [
+        ["rings", "2"],
+        ["sheets", "2"],
+    ]
+    labels.write_text("path,class\nsheets/flat.ply,\n")
+    failed_with_a_sentence(called("evaluate", folder, "--labels", labels), "no row has a class")
+
+
+def test_a_library_is_exported_and_what_was_exported_is_imported_and_evaluated(library, tmp_path):
+    out = tmp_path / "out"
+    assert succeeded("export", out, "--library", library, run=called).stdout == f"{out}: 5 shapes\n"
+    labels = ["--labels", out / "labels.csv"]
+    succeeded("import", out, *labels, "--library", tmp_path / "other.db", run=called)
+    with Library(library) as one, Library(str(tmp_path / "other.db")) as other:
+        told = [[(shape.name, shape.label, shape.sha256) for shape in opened.page().items] for opened in (one, other)]
+        assert told[0] == told[1]
+    figures = json.loads(succeeded("evaluate", out, *labels, "--measure", "moments", "--json", run=called).stdout)
+    with Library(library) as one:
+        assert figures["moments"] == pytest.approx(vars(one.evaluate("moments")))
+    failed_with_a_sentence(called("export", out, "--library", library), "not an empty folder")
+
+
+def test_a_library_is_backed_up_and_restored(library, tmp_path):
+    copy, other = tmp_path / "copy.db", tmp_path / "other.db"
+    told = succeeded("backup", copy, "--library", library).stdout
+    assert told == f"{copy}: 5 shapes, {copy.stat().st_size} bytes, checked\n"
+    assert succeeded("restore", copy, "--library", other, run=called).stdout == f"{other}: 5 shapes, as in {copy}\n"
+    with Library(library) as one, Library(str(other)) as restored:
+        assert one.page().items == restored.page().items
+    failed_with_a_sentence(called("backup", copy, "--library", library), "is there already")
+    failed_with_a_sentence(called("restore", copy, "--library", other), "would be replaced")
+    succeeded("backup", copy, "--library", library, "--force", run=called)
+    succeeded("restore", copy, "--library", other, "--force", run=called)
 
 
 @pytest.mark.parametrize(
@@ -464,6 +512,13 @@ def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_pat
         ("query {mesh} --url http://host:port", ["port"]),
         ("import {folder} --url http://127.0.0.1:9", ["could not be reached"]),
         ("import {new}/empty --library {new}/a.db", ["no file"]),
+        ("export {new}/out --library {new}/nowhere.db", ["no library"]),
+        ("backup {new}/copy.db --library {new}/nowhere.db", ["no library"]),
+        ("backup {new}/copy.db --library {new}/letter.db", ["not a database"]),
+        ("backup {new}/copy.db --library postgresql://host/shapes", ["pg_dump"]),
+        ("backup {new}/nowhere/copy.db --library {new}/letter.db", ["no folder"]),
+        ("restore {new}/letter.db --library {new}/a.db", ["no library"]),
+        ("restore {new}/nowhere.db --library {new}/a.db", ["no file"]),
     ],
 )
 def test_what_cannot_be_done_is_one_clear_line(folder, tmp_path, command, words):

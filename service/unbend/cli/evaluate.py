@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from unbend.cli.options import Values, folder_argument, json_option, parameter_options, policy_options
+from unbend.cli.options import Values, folder_argument, json_option, parameter_options, policy_options, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -60,8 +60,8 @@ def evaluate(
     chosen = [get_vector_measure(name) for name in measures or VECTOR_MEASURES]
     if html and not html.parent.is_dir():
         raise ParameterError(f"{html}: there is no folder {html.parent}")
-    queries = read_labels(labels, folder)
-    others = read_labels(gallery, folder) if gallery else []
+    queries = _with_class(read_labels(labels, folder), labels)
+    others = _with_class(read_labels(gallery, folder), gallery) if gallery else []
     computed = compute_files(queries + others, parameters, policy)
     found = computed[: len(queries)]
     held = computed[len(queries) :] if gallery else None
@@ -79,6 +79,17 @@ def evaluate(
         click.echo(json.dumps(told))
     else:
         click.echo(_tables(evaluations, held is None, per_class))
+
+
+def _with_class(files: Sequence[LabelledFile], labels: Path) -> list[LabelledFile]:
+    from unbend.errors import ParameterError  # noqa: PLC0415
+
+    found = [file for file in files if file.label is not None]
+    if not found:
+        raise ParameterError(f"{labels}: no row has a class")
+    if len(found) < len(files):
+        warn(f"{labels}: {len(files) - len(found)} of {len(files)} files have no class and are left out")
+    return found
 
 
 def _evaluation(measure: VectorMeasure, queries: Sequence[Computed], gallery: Sequence[Computed] | None) -> Evaluation:

@@ -19,12 +19,12 @@ class LabelledFile:
 
 
 def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
-    """Return the files of a labels.csv, whose paths are relative to `folder`.
+    """Return the files of a labels.csv, whose paths are relative to `folder`. One without a class has no label.
 
     Raises
     ------
     ParameterError
-        If the header lacks `path` or `class`, a row lacks a value, or a file is not there.
+        If the header lacks `path` or `class`, a row lacks a path, or a file is not there.
     """
     try:
         with csv_path.open(newline="", encoding="utf-8-sig") as file:
@@ -51,8 +51,8 @@ def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[Labell
 
 def _labelled(row: dict[str, str | None], csv_path: Path, line: int, folder: Path) -> LabelledFile:
     path, label = row.get("path"), row.get("class")
-    if not path or not label:
-        raise ParameterError(f"{csv_path}, line {line}: path or class is empty")
+    if not path:
+        raise ParameterError(f"{csv_path}, line {line}: the path is empty")
     if not (folder / path).is_file():
         raise ParameterError(f"{csv_path}, line {line}: there is no file {folder / path}")
-    return LabelledFile(folder / path, label)
+    return LabelledFile(folder / path, label or None)

@@ -9,9 +9,11 @@ from typing import Any
 import click
 
 from unbend import __version__
+from unbend.cli.backup import backup, restore
 from unbend.cli.compare import compare
 from unbend.cli.demo import demo
 from unbend.cli.evaluate import evaluate
+from unbend.cli.export import export
 from unbend.cli.flatten import flatten
 from unbend.cli.importing import import_folder
 from unbend.cli.keys import keys
@@ -51,5 +53,7 @@ def main() -> None:
     """Recognise shapes however they bend."""
 
 
-for command in (serve, signature, flatten, compare, import_folder, query, evaluate, keys, openapi, demo):
+for command in (
+    serve, signature, flatten, compare, import_folder, export, query, evaluate, backup, restore, keys, openapi, demo
+):  # fmt: skip
     main.add_command(command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable
 from functools import partial
@@ -29,6 +30,7 @@ logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
 
 _RETRY_SECONDS: Final = 1.0
+_LOOK_SECONDS: Final = 5.0
 _LOST: Final = WorkerLostError("the process that ran the job died")
 
 
@@ -105,11 +107,21 @@ class Dispatcher:
             job = await self._made(queue.claim)
             if job is None:
                 self._slots.release()
-                await self._wake.wait()
+                await self._work()
                 continue
             task = asyncio.create_task(self._run(job), name=f"unbend job {job.id}")
             self._tasks[job.id] = task
             task.add_done_callback(partial(self._release, job.id))
+
+    async def _work(self) -> None:
+        """Wait until there may be a job: others than this process can put some there, such as a restored backup."""
+        while not self._wake.is_set():
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_LOOK_SECONDS):
+                    await self._wake.wait()
+            with contextlib.suppress(SQLAlchemyError):  # then it is no time to begin one
+                if await self._library.store.fetch(queue.count_queued):
+                    return
 
     def _release(self, job_id: str, _task: asyncio.Task[None]) -> None:
         self._tasks.pop(job_id, None)

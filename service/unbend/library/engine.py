@@ -5,23 +5,26 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, TypeVar
 
 from alembic import command
 from alembic.config import Config
+from alembic.script import ScriptDirectory
 from alembic.util import CommandError
-from sqlalchemy import URL, Connection, Engine, create_engine, event
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DatabaseError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
+from unbend.library.erasing import LogEraser, take_mark
 from unbend.library.memory import Memory
 
 T = TypeVar("T")
 
 _BUSY_SECONDS = 30
 _MIGRATIONS = Path(__file__).parent / "migrations"
+_TOOLS = {"postgresql": "pg_dump and pg_restore", "mysql": "mysqldump", "mariadb": "mariadb-dump"}
 
 
 class Store:
@@ -48,7 +51,8 @@ class Store:
         self._reading = self._engine.execution_options(unbend_reading=True)
         self._is_file = self._engine.dialect.name == "sqlite"
         # SQLite lets writers wait by sleeping longer and longer; those of this process wait in a line instead.
-        self._turn = threading.Lock()
+        self._turn: AbstractContextManager[object] = threading.Lock() if self._is_file else nullcontext()
+        self._eraser = LogEraser(self._engine) if self._is_file else None
         if self._is_file:
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "begin", _begin_sqlite)
@@ -65,12 +69,12 @@ class Store:
     @contextmanager
     def write(self) -> Iterator[Connection]:
         """Yield a connection whose changes are kept together, on disk, when the block ends without an error."""
-        if not self._is_file:
-            with self._engine.begin() as connection:
-                yield connection
-        else:
-            with self._turn, self._engine.begin() as connection:
-                yield connection
+        with self._turn, self._engine.begin() as connection:
+            take_mark(connection)  # of a transaction that was undone
+            yield connection
+            erased = take_mark(connection)
+        if erased:
+            self.erase()
 
     async def fetch(self, look: Callable[[Connection], T], question: Hashable = None) -> T:
         """Return what `look`, a matter of a few rows, finds, without holding up the event loop.
@@ -94,23 +98,79 @@ class Store:
         with self.read() as connection:
             return look(connection)
 
+    @contextmanager
+    def driver_connection(self) -> Iterator[Any]:
+        """Yield a connection as the database's driver has it, outside any transaction."""
+        raw = self._engine.raw_connection()
+        try:
+            yield raw.driver_connection
+        finally:
+            raw.close()
+
+    def erase(self) -> None:
+        """Empty SQLite's write-ahead log, so that nothing deleted is found there; soon, if a reader is in the way."""
+        if self._eraser is not None:
+            self._eraser.erase()
+
     def close(self) -> None:
         """Close all connections."""
+        if self._eraser:
+            self._eraser.close()
         if self._memory:
             self._memory.close()
         self._engine.dispose()
 
 
+def sqlite_file(url: str) -> Path:
+    """Return the file of a library, which need not be there.
+
+    Raises
+    ------
+    ParameterError
+        If it is in another database than SQLite; the message names that one's own tool.
+    """
+    address = _address(url)
+    kind = address.get_backend_name()
+    if kind != "sqlite":
+        raise ParameterError(f"the library is no SQLite file but in {kind}: use {_TOOLS.get(kind, 'its own tool')}")
+    if address.database in {None, "", ":memory:"}:
+        raise ParameterError("the library is in memory, not in a file")
+    return Path(str(address.database))
+
+
+def must_be_there(url: str) -> None:
+    """Raise ParameterError where a library is an SQLite file that is not there: opening it would make an empty one."""
+    address = _address(url)
+    if address.get_backend_name() == "sqlite" and address.database and not Path(address.database).is_file():
+        raise ParameterError(f"there is no library at {address.database}")
+
+
+def revisions() -> frozenset[str]:
+    """Return the revisions of the schema that this version knows."""
+    return frozenset(script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions())
+
+
 def _create_engine(url: str) -> Engine:
     try:
-        if "://" not in url:
-            url_of_file = URL.create("sqlite", database=str(Path(url).expanduser()))
-            return create_engine(url_of_file, max_overflow=-1)  # a thread that needs a connection gets one
-        return create_engine(url)
+        address = _address(url)
+        if address.get_backend_name() == "sqlite" and address.database not in {None, "", ":memory:"}:
+            return create_engine(address, max_overflow=-1)  # a thread that needs a connection gets one
+        return create_engine(address)
     except (ArgumentError, ImportError):  # the driver of a database that is not installed
-        raise ParameterError(
-            f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know"
-        ) from None
+        raise _unknown(url) from None
+
+
+def _address(url: str) -> URL:
+    if "://" not in url:
+        return URL.create("sqlite", database=str(Path(url).expanduser()))
+    try:
+        return make_url(url)
+    except (ArgumentError, ValueError):  # a port that is no number
+        raise _unknown(url) from None
+
+
+def _unknown(url: str) -> ParameterError:
+    return ParameterError(f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know")
 
 
 def _prepare_sqlite(connection: Any, _record: object) -> None:
@@ -119,6 +179,7 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:
     cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
     cursor.execute("PRAGMA journal_mode = WAL")
     cursor.execute("PRAGMA synchronous = FULL")  # what was acknowledged survives a power cut
+    cursor.execute("PRAGMA secure_delete = ON")  # what was deleted is overwritten
     cursor.close()
 
 
@@ -132,10 +193,15 @@ def _begin_sqlite(connection: Connection) -> None:
     driver.execute("BEGIN" if options.get("unbend_reading") else "BEGIN IMMEDIATE")
 
 
-def _migrate(engine: Engine) -> None:
+def _config() -> Config:
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
+    return config
+
+
+def _migrate(engine: Engine) -> None:
+    config = _config()
     try:
         with engine.execution_options(unbend_migrating=True).begin() as connection:
             config.attributes["connection"] = connection

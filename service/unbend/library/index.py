@@ -19,7 +19,9 @@ from unbend.matching.measures import VectorMeasure
 _CHUNK: Final = 256
 """Rows that are read from the store at a time: few, so that they are still in the cache when they are put together."""
 
-_STATE = select(library_state.c.revision, select(func.max(shapes.c.seq)).scalar_subquery())
+_STATE = select(
+    library_state.c.epoch, library_state.c.revision, select(func.max(shapes.c.seq)).scalar_subquery().label("last")
+)
 _CHANGED = select(shapes.c.seq, shapes.c.label).where(shapes.c.changed > bindparam("revision"))
 _REMOVED = select(removals.c.seq).where(removals.c.revision > bindparam("revision"))
 
@@ -58,25 +60,29 @@ class VectorIndex:
 
 
 class _StoredTable:
-    """A table and the revision of the store it is true to. Whoever asks while it is read waits, and reads nothing."""
+    """A table, and the epoch and revision of the store it is true to.
+
+    Whoever asks while it is read waits, and reads nothing.
+    """
 
     def __init__(self, key: IndexKey) -> None:
         self._lock = threading.Lock()
         self._weights = [weight for _, weight in key.measure.parts]
         self._added = _select_added(key)
-        self._begin_anew()
+        self._begin_anew("")
 
-    def _begin_anew(self) -> None:
+    def _begin_anew(self, epoch: str) -> None:
         self._table = Table()
         self._held = self._table.held()
+        self._epoch = epoch
         self._revision = -1
         self._last_seq = 0
 
     def at(self, connection: Connection) -> Held:
         with self._lock:
-            revision, last = connection.execute(_STATE).one()
-            if revision < self._revision:  # an older store was put into the place of this one
-                self._begin_anew()
+            epoch, revision, last = connection.execute(_STATE).one()
+            if epoch != self._epoch or revision < self._revision:  # another store was put into the place of this one
+                self._begin_anew(epoch)
             if revision != self._revision:
                 self._catch_up(connection, last or 0)
                 self._held = self._table.held()

@@ -9,7 +9,9 @@ from typing import Any, Self, cast
 
 from unbend.errors import ParameterError
 from unbend.library import shapes as rows
+from unbend.library.backup import Backup, backup
 from unbend.library.engine import Store
+from unbend.library.export import export
 from unbend.library.index import IndexKey, VectorIndex
 from unbend.library.key import UploadKey
 from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, map_of, select
@@ -168,6 +170,28 @@ class Library:
         """Return the classes and how many shapes each has."""
         with self.store.read() as connection:
             return rows.count_labels(connection)
+
+    def backup(self, destination: str | Path, *, overwrite: bool = False) -> Backup:
+        """Copy the library into one file while it is used; `unbend restore` puts it back.
+
+        Raises
+        ------
+        ParameterError
+            If the library is no SQLite file, or the destination is taken and not to be overwritten.
+        StoreError
+            If it cannot be copied; BackupError if it is damaged.
+        """
+        return backup(self.store.url, destination, overwrite=overwrite)
+
+    def export(self, folder: str | Path) -> int:
+        """Write every shape's file, and labels.csv, to a folder that is empty or will be made; return how many.
+
+        Raises
+        ------
+        ParameterError
+            If the folder is not empty.
+        """
+        return export(self.store, folder)
 
     def __len__(self) -> int:
         with self.store.read() as connection:

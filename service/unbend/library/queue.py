@@ -10,6 +10,7 @@ from sqlalchemy import Connection, bindparam, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
+from unbend.library.forgetting import without_gone
 from unbend.library.key import UploadKey
 from unbend.library.records import JobKind, JobRecord, JobState
 from unbend.library.schema import Instant, jobs
@@ -118,7 +119,12 @@ def finish(
     reached: dict[str, Any] | None = None,
 ) -> JobRecord | None:
     """End an unfinished job and forget its mesh if nothing else needs it; None if it had ended before."""
-    values: dict[str, Any] = {"state": state, "finished_at": datetime.now(UTC), "error": error, "result": result}
+    values: dict[str, Any] = {
+        "state": state,
+        "finished_at": datetime.now(UTC),
+        "error": error,
+        "result": without_gone(connection, result),  # shapes may have been removed since it was made
+    }
     values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if state == "succeeded" else reached or {}
     row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
     if row is None:

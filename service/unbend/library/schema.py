@@ -140,7 +140,8 @@ library_state = Table(
     metadata,
     Column("id", Integer, primary_key=True),
     Column("revision", Integer, nullable=False),
-    comment="One row; revision counts changes to shapes, so that caches know.",
+    Column("epoch", String(32), nullable=False, server_default="0"),
+    comment="One row; revision counts changes to shapes within an epoch, which a restore begins, so that caches know.",
 )
 
 api_keys = Table(

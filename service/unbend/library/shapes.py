@@ -13,6 +13,8 @@ from sqlalchemy import Connection, bindparam, delete, exists, func, insert, sele
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
+from unbend.library.erasing import mark_erased
+from unbend.library.forgetting import forget_in_jobs
 from unbend.library.key import UploadKey
 from unbend.library.payload import PackedSignature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
@@ -98,6 +100,7 @@ def drop_unused_mesh(connection: Connection, sha256: str) -> None:
     if not connection.scalar(_WANTED, {"sha256": sha256}):
         connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
         connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
+        mark_erased(connection)
 
 
 def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
@@ -192,12 +195,17 @@ def change_shape(connection: Connection, shape_id: str, changes: dict[str, Any])
 
 
 def remove_shape(connection: Connection, shape_id: str) -> None:
-    """Remove a shape, its signature and descriptors, and its file unless something else needs it."""
+    """Remove a shape, its signature and descriptors, and its file unless something else needs it.
+
+    Jobs that have ended stay, without what they say of the shape.
+    """
     record = get_shape(connection, shape_id)
     signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
     connection.execute(delete(shapes).where(shapes.c.id == shape_id))
     connection.execute(delete(signatures).where(signatures.c.id == signature_id))
+    forget_in_jobs(connection, shape_id, record.label, record.sha256)
     drop_unused_mesh(connection, record.sha256)
+    mark_erased(connection)
     connection.execute(insert(removals).values(seq=record.seq, revision=_next_revision(connection)))
 
 

@@ -1,0 +1,27 @@
+"""`unbend export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from unbend.cli.options import library_option
+
+
+@click.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@library_option
+def export(folder: Path, library: str | None) -> None:
+    """Write every shape's file, and labels.csv, to DIR, which must be empty.
+
+    `unbend import DIR --labels DIR/labels.csv` and `unbend evaluate` read it.
+    """
+    from unbend.library import Library  # noqa: PLC0415
+    from unbend.library.engine import must_be_there  # noqa: PLC0415
+
+    url = library or "unbend.db"
+    must_be_there(url)
+    with Library(url) as opened:
+        count = opened.export(folder)
+    click.echo(f"{folder}: {count} shapes")

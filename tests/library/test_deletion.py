@@ -1,0 +1,221 @@
+"""Deletion: nothing of what was removed is left in the file, in its log, or in what jobs remember."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from server import DAMAGED, ended, post_mesh, small_mesh
+from store import PARAMETERS, add, in_files, insert
+from unbend import Library, MeshPolicy
+from unbend.errors import NotFoundError
+from unbend.library import queue
+from unbend.library import shapes as rows
+from unbend.library.key import UploadKey
+
+SECRETS = (b"MARKER-OF-THE-MESH", b"name-of-it", b"label-of-it", b"metadata-of-it")
+LONG = SECRETS[0] * 2000
+"""A file of many pages."""
+
+
+def on_disk(path, text: bytes) -> bool:
+    """Whether `text` is in a file of the database; as a function, for megabytes make no readable failure."""
+    return text in in_files(path)
+
+
+def assert_nothing_of_it(path, *others: bytes) -> None:
+    assert in_files(path)[:6] == b"SQLite"
+    assert [secret for secret in (*SECRETS, *others) if on_disk(path, secret)] == []
+
+
+def add_secret(library: Library, data: bytes = LONG) -> str:
+    return add(library, data, "name-of-it", "label-of-it", {"key": "metadata-of-it"}).id
+
+
+def ran(library: Library, kind: str, data: bytes, request: dict) -> str:
+    """A job that is running; its id."""
+    key = UploadKey.of(data, PARAMETERS, MeshPolicy())
+    with library.store.write() as connection:
+        rows.put_mesh(connection, key.sha256, data)
+        job = queue.enqueue(connection, kind=kind, key=key, file_type="off", request=request)
+        assert queue.claim(connection).id == job.id
+    return job.id
+
+
+def end(library: Library, job_id: str, state: str, **values) -> queue.JobRecord:
+    with library.store.write() as connection:
+        assert queue.finish(connection, job_id, state, **values)
+    return job_of(library, job_id)
+
+
+def job_of(library: Library, job_id: str) -> queue.JobRecord:
+    with library.store.read() as connection:
+        return queue.get_job(connection, job_id)
+
+
+@pytest.mark.parametrize("data", [LONG, SECRETS[0]], ids=["many pages", "a few bytes"])
+def test_no_byte_of_a_removed_shape_is_on_disk(library, path, data):
+    add(library, b"another file", "other", "others")
+    shape_id = add_secret(library, data)
+    assert all(secret in in_files(path) for secret in SECRETS)
+    library.remove(shape_id)
+    assert_nothing_of_it(path)
+    assert [shape.name for shape in library.page().items] == ["other"]
+
+
+def test_no_byte_of_many_removed_shapes_is_on_disk_whatever_was_written_around_them(library, path):
+    random = np.random.default_rng(0)
+    there: dict[bytes, str] = {}
+    gone = []
+    for number in range(90):
+        mark = b"MARK%06d;" % (number * 7919)
+        data = mark * int(random.integers(1, 1500 if number % 10 == 0 else 40))
+        there[mark] = add(
+            library, data, mark.decode() * 3, mark.decode() if number % 3 else None, {"a": mark.decode()}
+        ).id
+        while len(there) > 1 and random.random() < 0.45:
+            mark = list(there)[int(random.integers(len(there)))]
+            if random.random() < 0.5:
+                library.change(there[mark], {"name": mark.decode() * int(random.integers(1, 19)), "label": "x"})
+            else:
+                library.remove(there.pop(mark))
+                gone.append(mark)
+    found = in_files(path)
+    assert len(gone) > 25
+    assert [mark for mark in gone if mark in found] == []
+    assert all(mark in found for mark in there)
+
+
+def test_nothing_is_left_when_a_reader_was_in_the_way(library, path):
+    shape_id = add_secret(library)
+    with library.store.read() as connection:
+        assert rows.count_shapes(connection) == 1
+        began = time.monotonic()
+        library.remove(shape_id)
+        assert time.monotonic() - began < 5.0  # it does not wait for the reader
+        assert rows.get_shape(connection, shape_id).name == "name-of-it"
+    end = time.monotonic() + 20.0
+    while any(secret in in_files(path) for secret in SECRETS) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert_nothing_of_it(path)
+
+
+def test_a_shape_that_shares_its_file_leaves_the_bytes_and_nothing_else(library, path):
+    shape_id = add_secret(library)
+    failed = ran(library, "shape", LONG, {"name": "name-of-it", "label": "label-of-it", "metadata": {}})
+    library.remove(shape_id)
+    assert on_disk(path, LONG[:40])  # the job needs it
+    end(library, failed, "cancelled")
+    assert not on_disk(path, LONG[:40])
+
+
+def test_the_upload_that_became_a_shape_says_nothing_of_it_any_more(library, path):
+    job_id = ran(
+        library, "shape", LONG, {"name": "name-of-it", "label": "label-of-it", "metadata": {"k": "metadata-of-it"}}
+    )
+    with library.store.write() as connection:
+        shape = insert(connection, LONG, "name-of-it", "label-of-it", {"k": "metadata-of-it"})
+        queue.finish(connection, job_id, "succeeded", shape_id=shape.id)
+    library.change(shape.id, {"name": "renamed"})  # the upload's own words are another's by now
+    library.remove(shape.id)
+    job = job_of(library, job_id)
+    assert (job.state, job.shape_id, job.request, job.mesh_sha256) == ("succeeded", shape.id, {}, None)
+    assert_nothing_of_it(path, b"renamed", shape.sha256.encode())
+
+
+def test_uploads_of_the_same_file_that_failed_say_nothing_of_it_either(library, path):
+    shape_id = add_secret(library)
+    job_id = ran(library, "shape", LONG, {"name": "name-of-it", "label": "label-of-it", "metadata": {}})
+    assert end(library, job_id, "failed", error={"code": "x", "message": "y", "advice": ""}).request
+    library.remove(shape_id)
+    assert job_of(library, job_id).request == {}
+    assert_nothing_of_it(path)
+
+
+def ranking(*shapes, classes=()) -> dict:
+    return {
+        "measure": "moments",
+        "classes": [{"label": label, "distance": 0.5, "confidence": 0.5} for label in classes],
+        "shapes": [{"id": one.id, "name": one.name, "label": one.label, "distance": 0.1} for one in shapes],
+        "known": True,
+    }
+
+
+def test_answers_that_named_a_shape_name_it_no_more(library, path):
+    kept = add(library, b"kept", "kept", "a")
+    secret = library.get(add_secret(library))
+    other = add(library, b"more", "more", "label-of-it")
+    first = ran(library, "query", b"one", {"measure": "moments", "k": 9})
+    end(library, first, "succeeded", result=ranking(secret, kept, other, classes=["label-of-it", "a"]))
+    unconcerned = ran(library, "query", b"two", {"measure": "moments", "k": 1})
+    end(library, unconcerned, "succeeded", result=ranking(kept, classes=["a", "label-of-it"]))
+    library.remove(secret.id)
+    assert job_of(library, first).result == ranking(kept, other, classes=["label-of-it", "a"])
+    assert not on_disk(path, b"name-of-it")
+    library.remove(other.id)  # with the last of a class, the class goes
+    assert job_of(library, first).result == ranking(kept, classes=["a"])
+    assert job_of(library, unconcerned).result == ranking(kept, classes=["a"])
+    assert_nothing_of_it(path)
+
+
+def test_a_label_with_signs_of_all_kinds_goes_too(library, path):
+    label = 'caf\u00e9 "100%_\\ \u2028'
+    secret = add(library, b"x", "x", label)
+    job_id = ran(library, "query", b"q", {"measure": "moments", "k": 9})
+    end(library, job_id, "succeeded", result=ranking(classes=[label]))
+    library.remove(secret.id)
+    assert job_of(library, job_id).result == ranking()
+
+
+def test_an_answer_that_was_under_way_while_a_shape_was_removed_does_not_name_it(library, path):
+    secret = library.get(add_secret(library))
+    kept = add(library, b"kept", "kept", "a")
+    job_id = ran(library, "query", b"query", {"measure": "moments", "k": 9})
+    answer = ranking(secret, kept, classes=["label-of-it", "a"])
+    library.remove(secret.id)
+    assert end(library, job_id, "succeeded", result=answer).result == ranking(kept, classes=["a"])
+    assert_nothing_of_it(path)
+
+
+@pytest.mark.parametrize("state", ["succeeded", "failed", "cancelled"])
+@pytest.mark.parametrize("kind", ["query", "shape"])
+def test_no_byte_of_the_mesh_of_a_job_that_ended_without_a_shape_is_on_disk(library, path, state, kind):
+    job_id = ran(library, kind, LONG, {"measure": "moments"})
+    assert on_disk(path, SECRETS[0])
+    end(library, job_id, state)
+    assert not on_disk(path, SECRETS[0])
+    assert job_of(library, job_id).mesh_sha256 is None
+
+
+def test_meshes_sent_to_a_service_are_gone_when_their_jobs_have_ended(server):
+    """A query that is answered, and an upload that fails."""
+    head, tail = small_mesh(77).split(b"element vertex", 1)
+    query = head + b"comment MARK-OF-A-QUERY\nelement vertex" + tail
+    broken = DAMAGED + b"# MARK-OF-A-FAILURE"
+    with server.http() as http:
+        answer = http.post("/v1/queries", files={"file": ("x.ply", query)}, headers={"Prefer": "wait=60"})
+        assert answer.status_code == 200
+        assert ended(http, post_mesh(http, broken, file_name="x.off"))["state"] == "failed"
+    until = time.monotonic() + 20.0
+    while b"MARK-OF-A" in in_files(server.library) and time.monotonic() < until:
+        time.sleep(0.1)  # where another reader was in the way
+    assert not on_disk(server.library, b"MARK-OF-A")
+
+
+def test_pages_freed_before_deletion_overwrote_them_are_not_in_backups(library, path, tmp_path):
+    shape_id = add_secret(library)
+    library.close()
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("PRAGMA secure_delete = OFF")
+        for table, column in (("shapes", "id"), ("descriptors", "measure"), ("signatures", "id"), ("meshes", "sha256")):
+            connection.execute(f"DELETE FROM {table} WHERE {column} IS NOT NULL")  # noqa: S608
+    assert on_disk(path, SECRETS[0])
+    with Library(str(path)) as again:
+        again.backup(tmp_path / "copy.db")
+        with pytest.raises(NotFoundError):
+            again.get(shape_id)
+    assert_nothing_of_it(tmp_path / "copy.db")

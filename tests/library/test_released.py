@@ -1,0 +1,205 @@
+"""Libraries that every released version made, as dumps of their own code: opened by this one, and as good as new."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from server import without_settings
+from unbend import Library, MeshPolicy
+from unbend.jobs import JobLimits, JobRunner
+from unbend.jobs.worker import StoredMesh, Task, compute
+from unbend.library import queue
+from unbend.library.engine import revisions
+from unbend.library.keys import list_keys
+from unbend.library.payload import unpack_signature
+
+RELEASED = Path(__file__).parent / "released"
+DUMPS = sorted(path.stem for path in RELEASED.glob("*.sql"))
+Rows = list[dict[str, object]]
+
+
+def rows_of(path: Path, query: str) -> Rows:
+    with closing(sqlite3.connect(path)) as connection:
+        connection.row_factory = sqlite3.Row
+        return [dict(row) for row in connection.execute(query)]
+
+
+def schema(path: Path) -> dict[tuple[str, str], tuple[list[str], Rows]]:
+    """Every table and index, as SQLite has it: columns in their order, and constraints, whose order means nothing."""
+    found = rows_of(path, "SELECT type, name, coalesce(sql, '') AS text FROM sqlite_master")
+    lines = {(row["type"], row["name"]): [line.strip(" \t,") for line in row["text"].splitlines()] for row in found}
+    return {key: (sorted(text), rows_of(path, f"PRAGMA table_info('{key[1]}')")) for key, text in lines.items()}
+
+
+def everything(path: Path) -> dict[str, Rows]:
+    tables = [name for kind, name in schema(path) if kind == "table" and name != "alembic_version"]
+    return {table: rows_of(path, f"SELECT * FROM {table} ORDER BY 1, 2") for table in tables}  # noqa: S608
+
+
+@pytest.fixture
+def old(tmp_path, request) -> Path:
+    """The library of a released version, by its revision."""
+    path = tmp_path / "old.db"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript((RELEASED / f"{request.param}.sql").read_text(encoding="utf-8"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("fresh") / "new.db"
+    with Library(str(path)):
+        pass
+    return path
+
+
+each = pytest.mark.parametrize("old", DUMPS, indirect=True)
+
+
+def test_every_revision_of_the_schema_has_a_dump():
+    assert set(DUMPS) == revisions()
+
+
+@each
+def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh):
+    before = everything(old)
+    assert len(before["shapes"]) == 2
+    assert {row["state"] for row in before["jobs"]} == {"queued", "running", "succeeded", "failed", "cancelled"}
+    with Library(str(old)):
+        pass
+    assert schema(old) == schema(fresh)
+    assert rows_of(old, "PRAGMA integrity_check") == [{"integrity_check": "ok"}]
+    assert rows_of(old, "PRAGMA foreign_key_check") == []
+    after = everything(old)
+    for table, rows in before.items():
+        assert len(after[table]) == len(rows)
+        for earlier, later in zip(rows, after[table], strict=True):
+            for column in earlier.keys() - {"policy", "epoch"}:
+                assert later[column] == earlier[column], (table, column)
+            if "policy" in later:
+                assert MeshPolicy.from_json(later["policy"]) == MeshPolicy()
+
+
+@each
+def test_every_shape_can_be_read_searched_changed_and_removed(old):
+    stored = rows_of(
+        old,
+        "SELECT shapes.*, meshes.data, payload FROM shapes JOIN signatures ON signatures.id = signature_id"
+        " JOIN meshes ON meshes.sha256 = mesh_sha256 ORDER BY seq",
+    )
+    assert {row["label"] for row in stored} == {"pressed", "octahedron"}
+    with Library(str(old)) as library:
+        shapes = library.page().items
+        for row, shape in zip(stored, shapes, strict=True):
+            assert (shape.id, shape.name, shape.label, shape.seq) == tuple(
+                row[key] for key in ("id", "name", "label", "seq")
+            )
+            assert (shape.metadata, shape.policy) == (json.loads(row["metadata"]), MeshPolicy().as_dict())
+            assert shape.created_at.timestamp() == row["created_at"]
+            assert library.mesh(shape.id) == row["data"]
+            signature, written = library.signature(shape.id), unpack_signature(row["payload"])
+            assert signature.points.shape == (6, 3)
+            np.testing.assert_array_equal(signature.points, written.points)
+            assert set(signature.descriptors) >= {"moments", "spectrum", "distribution"}
+        one, other = shapes
+        assert [match.id for match in library.nearest(one.id)] == [other.id]
+        assert [match.label for match in library.classify(one.id)] == [other.label]
+        assert library.nearest(library.signature(one.id), 1)[0].distance == 0.0
+        assert library.change(one.id, {"label": "new"}).label == "new"
+        library.remove(one.id)
+        assert library.page().items == [other]
+        assert library.nearest(library.signature(other.id), 9)[0].id == other.id
+
+
+@each
+def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
+    told = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
+    with Library(str(old)) as library:
+        with library.store.read() as connection:
+            jobs = queue.list_jobs(connection, state=None, limit=100)
+        assert len(jobs) == len(told) == 7
+        for job in jobs:
+            row = told[job.id]
+            for name in (
+                "kind",
+                "state",
+                "stage",
+                "progress",
+                "attempts",
+                "restarts",
+                "seq",
+                "mesh_sha256",
+                "shape_id",
+            ):
+                assert getattr(job, name) == row[name]
+            for name in ("request", "result", "error"):
+                assert getattr(job, name) == json.loads(row[name] or "null")
+            assert job.created_at.timestamp() == row["created_at"]
+        with library.store.write() as connection:
+            job = queue.claim(connection)
+        mesh = StoredMesh(library.store.url, job.mesh_sha256, job.file_type, MeshPolicy.from_json(job.policy))
+        assert compute(Task(job.id, mesh, tmp_path, job.parameters)).signature.points.shape == (6, 3)
+        assert job.request["name"] == "waiting"
+
+
+@pytest.mark.parametrize("old", [revision for revision in DUMPS if revision >= "0005"], indirect=True)
+def test_keys_stay_live_or_revoked(old):
+    with Library(str(old)) as library, library.store.read() as connection:
+        assert {key.name: key.revoked_at is None for key in list_keys(connection)} == {"live": True, "revoked": False}
+
+
+@pytest.mark.parametrize("old", DUMPS[:1], indirect=True)
+def test_jobs_that_the_first_version_left_are_run(old):
+    waiting = [row["id"] for row in rows_of(old, "SELECT id FROM jobs WHERE state IN ('queued', 'running')")]
+    assert len(waiting) == 3
+
+    async def run(library: Library) -> list[str]:
+        runner = JobRunner(library, workers=1, limits=JobLimits(drain_seconds=0.0))
+        await runner.start()
+        try:
+            return [(await runner.wait(job_id, 120.0)).state for job_id in waiting]
+        finally:
+            await runner.stop()
+
+    with Library(str(old)) as library:
+        assert asyncio.run(run(library)) == ["succeeded"] * 3
+        assert {shape.name for shape in library.page().items} == {"flät/=1", "uploaded", "running", "waiting"}
+
+
+CUT_OFF = """
+import os, signal, sys
+from sqlalchemy import Engine, event
+from unbend import Library
+left = int(sys.argv[2])
+@event.listens_for(Engine, "after_cursor_execute")
+def count(*call):
+    global left
+    left -= call[2].lstrip().split()[0] in {"CREATE", "ALTER", "INSERT", "UPDATE", "DROP"}
+    if not left:
+        os.kill(os.getpid(), signal.SIGKILL)
+Library(sys.argv[1])
+"""
+
+
+@pytest.mark.parametrize(("old", "changes"), [("0001", 9), ("0005", 2)], indirect=["old"])
+def test_a_migration_that_is_killed_half_way_leaves_the_old_library(old, tmp_path, changes):
+    before, untouched = everything(old), tmp_path / "untouched.db"
+    shutil.copy(old, untouched)
+    killed = subprocess.run([sys.executable, "-c", CUT_OFF, old, str(changes)], env=without_settings(), check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert Path(f"{old}-wal").exists()  # nobody closed it
+    assert schema(old) == schema(untouched)
+    assert everything(old) == before
+    with Library(str(old)) as library:
+        assert len(library) == 2

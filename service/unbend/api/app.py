@@ -16,6 +16,7 @@ from unbend.api.access import Access
 from unbend.api.audit import Audit
 from unbend.api.headers import SecurityHeaders
 from unbend.api.limits import BodyLimit
+from unbend.api.methods import Methods
 from unbend.api.metrics import Metrics
 from unbend.api.openapi import install_schema
 from unbend.api.requests import PREFIX, Requests
@@ -54,8 +55,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             library.close()
 
     app = FastAPIOffline(
-        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
-    )
+        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets",
+        redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
+    )  # fmt: skip
     api = APIRouter(prefix=PREFIX)
     for room in (shapes, jobs, queries, overview, health):
         api.include_router(room.router)
@@ -69,13 +71,14 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
 def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
     """Put the layers on, the innermost first: who may not call has no byte of a body read."""
+    app.add_middleware(Methods)
     app.add_middleware(BodyLimit, limit=settings.max_upload_mb * 2**20)
     app.add_middleware(Access, settings=settings)
     if settings.origins:
         app.add_middleware(
             CORSMiddleware,
             allow_origins=settings.origins,
-            allow_methods=["GET", "POST", "PATCH", "DELETE"],
+            allow_methods=["GET", "HEAD", "POST", "PATCH", "DELETE"],
             allow_headers=["Authorization", "Content-Type", "Last-Event-ID", "Prefer"],
             expose_headers=["Content-Disposition", "Location", "Retry-After", "WWW-Authenticate", "X-Request-ID"],
         )

@@ -11,7 +11,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.util import CommandError
 from sqlalchemy import URL, Connection, Engine, create_engine, event
-from sqlalchemy.exc import ArgumentError, DatabaseError
+from sqlalchemy.exc import ArgumentError, DatabaseError, IntegrityError, TimeoutError  # noqa: A004
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
 
@@ -48,19 +48,36 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
-        """Yield a connection that sees one unchanging state."""
-        with self._engine.connect() as connection:
+        """Yield a connection that sees one unchanging state; StoreError where the database cannot give it."""
+        with _failing_as_store(), self._engine.connect() as connection:
             yield connection.execution_options(unbend_reading=True)
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
-        """Yield a connection whose changes are kept together, on disk, when the block ends without an error."""
-        with self._engine.begin() as connection:
+        """Yield a connection whose changes are kept together, on disk, when the block ends without an error.
+
+        Raises
+        ------
+        StoreError
+            If the database cannot keep them.
+        """
+        with _failing_as_store(), self._engine.begin() as connection:
             yield connection
 
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
+
+
+@contextmanager
+def _failing_as_store() -> Iterator[None]:
+    """Turn what a database reports into an error of our tree. It says no more: the cause has paths and statements."""
+    try:
+        yield
+    except IntegrityError:  # not the database's fault but ours
+        raise
+    except (DatabaseError, TimeoutError) as error:
+        raise StoreError("the library's store cannot be used") from error
 
 
 def _create_engine(url: str) -> Engine:

@@ -6,29 +6,28 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
+from unbend.api.fields import ParametersText, VectorMeasureName
+from unbend.api.links import members_of_class, shape_links
 from unbend.api.models import ClassCount, ClassList, EvaluationResult, ShapeMap
-from unbend.api.problems import problem_responses
+from unbend.api.problems import pointing_at, problem_responses
 from unbend.api.service import ServiceDependency
 from unbend.library.overview import MAP_LIMIT
-from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(tags=["library"])
 
-MeasureQuery = Annotated[str, Query(description="How signatures are compared.")]
-ParametersQuery = Annotated[
-    str | None,
-    Query(description="A JSON object; shapes stored with others take no part.", examples=['{"samples": 300}']),
-]
+MeasureQuery = Annotated[VectorMeasureName, Query(description="How signatures are compared.")]
+ParametersQuery = Annotated[ParametersText, Query(description="A JSON object; shapes stored with others take no part.")]
 
 
-@router.get("/classes")
+@router.get("/classes", responses={200: {"links": members_of_class()}})
 def list_classes(service: ServiceDependency) -> ClassList:
     """List the classes and how many shapes each has."""
     return ClassList(items=[ClassCount(label=label, count=count) for label, count in service.library.labels().items()])
 
 
-@router.get("/map", responses=problem_responses(422))
+@router.get("/map", responses={200: {"links": shape_links("$response.body#/items/0/id")}, **problem_responses(422)})
 def get_map(
     service: ServiceDependency,
     measure: MeasureQuery = DEFAULT_MEASURE,
@@ -39,16 +38,26 @@ def get_map(
     ] = MAP_LIMIT,
 ) -> ShapeMap:
     """Place the stored shapes so that those alike are near each other: by their signatures, and as they stand."""
-    chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = service.library.map(measure, parameters=chosen, dimensions=dimensions, limit=limit)
+    found = service.library.map(
+        _measure(measure), parameters=_parameters(parameters), dimensions=dimensions, limit=limit
+    )
     return ShapeMap.model_validate(found.as_dict())
 
 
-@router.get("/evaluation", responses=problem_responses(422))
+@router.get("/evaluation", responses=problem_responses(409, 422))
 def get_evaluation(
     service: ServiceDependency, measure: MeasureQuery = DEFAULT_MEASURE, parameters: ParametersQuery = None
 ) -> EvaluationResult:
     """Ask every labelled shape of all others, and say how often and how early they find their class."""
-    chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = service.library.evaluation(measure, parameters=chosen)
+    found = service.library.evaluation(_measure(measure), parameters=_parameters(parameters))
     return EvaluationResult.model_validate({"measure": measure, **found.as_dict()})
+
+
+def _measure(name: str) -> str:
+    with pointing_at("query.measure"):
+        return get_vector_measure(name).name
+
+
+def _parameters(text: str | None) -> Parameters | None:
+    with pointing_at("query.parameters"):
+        return None if text is None else Parameters.from_json(text)

@@ -29,7 +29,7 @@ router = APIRouter(prefix="/shapes", tags=["shapes"])
 
 
 def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
-    described = {
+    described: dict[str, Any] = {
         "description": "The file.",
         "content": {MEDIA_TYPES[name]: {"schema": {"type": "string", "format": "binary"}} for name in formats},
         "headers": DISPOSITION,

@@ -7,7 +7,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench openapi clean clean-kernels
+.PHONY: serve test lint types layers check bench contract openapi clean clean-kernels
 
 serve: .venv/run
 	$(BIN)/unbend demo --library demo.db
@@ -39,6 +39,10 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/rerank.py
 	$(BIN)/python benchmarks/robustness.py
 	$(BIN)/python benchmarks/search.py
+
+# slow: thousands of requests made up from the OpenAPI document
+contract: .venv/test
+	$(BIN)/python benchmarks/contract.py
 
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json

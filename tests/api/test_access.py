@@ -214,7 +214,7 @@ def test_a_server_closes_with_its_first_key_and_opens_to_this_machine_alone_afte
             connection.execute("DROP TABLE api_keys")
         connection.close()
         response = api.get("/v1/shapes")  # nobody is let in when nobody can be asked
-        check(response, 500, "error")
+        check(response, 503, "store")
         assert ALWAYS.items() <= dict(response.headers).items()
 
 

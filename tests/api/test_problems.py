@@ -36,7 +36,7 @@ def test_a_route_that_is_not_there_is_not_found(http_client, path):
         ("POST", "/v1/jobs/x", "GET, DELETE, HEAD, OPTIONS"),
         ("GET", "/v1/queries", "POST, OPTIONS"),
         ("HEAD", "/v1/queries", "POST, OPTIONS"),
-        ("ODD", "/docs", "GET, HEAD, OPTIONS"),
+        ("PUT", "/docs", "GET, HEAD, OPTIONS"),
         ("POST", "/docs-assets/favicon.png", "GET, HEAD, OPTIONS"),
     ],
 )

@@ -18,8 +18,8 @@ _ROUTED: Final = ("route", "endpoint", "path_params")
 class Methods:
     """ASGI middleware around the routes.
 
-    HEAD is answered as GET is, without the body (RFC 9110, section 9.3.2), OPTIONS by the methods there are, and so is
-    a method that there is not: a route knows only itself, and not others of the same path.
+    HEAD is answered as GET is (RFC 9110, section 9.3.2); the server leaves the body out. OPTIONS is answered by the
+    methods there are, and so is a method that there is not: a route knows only itself, and not others of the same path.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -35,19 +35,16 @@ class Methods:
         elif scope["method"] == "HEAD":
             await self._head(scope, receive, send)
         else:
-            await self._app(scope, receive, _allowing(scope, send))
+            await self._app(scope, receive, _allowing({**scope}, send))  # as it is before routes change it
 
     async def _head(self, scope: Scope, receive: Receive, send: Send) -> None:
         asked = {**scope, "method": "GET"}
 
-        async def without_body(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                scope.update({name: asked[name] for name in _ROUTED if name in asked})
-            elif message["type"] == "http.response.body":
-                message = {**message, "body": b""}
+        async def noting(message: Message) -> None:
+            scope.update({name: asked[name] for name in _ROUTED if name in asked})
             await send(message)
 
-        await self._app(asked, receive, _allowing(scope, without_body))
+        await self._app(asked, receive, _allowing(scope, noting))
 
 
 def _allowing(scope: Scope, send: Send) -> Send:

@@ -129,7 +129,7 @@ class ShapeQuery(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra=FEWER_PAIRS)
 
-    shape_id: Id
+    shape_id: Annotated[Id, Field(min_length=1, max_length=64)]
     measure: MeasureName = DEFAULT_MEASURE
     classifier: ClassifierName = DEFAULT_CLASSIFIER
     k: Whole = Field(10, ge=1, le=1000)

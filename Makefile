@@ -39,6 +39,7 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/rerank.py
 	$(BIN)/python benchmarks/robustness.py
 	$(BIN)/python benchmarks/search.py
+	$(BIN)/python benchmarks/reliability.py
 
 # slow: thousands of requests made up from the OpenAPI document
 contract: .venv/test

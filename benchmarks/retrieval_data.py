@@ -15,7 +15,7 @@ from peers import DATA
 from unbend import Signature, Surface, geodesic_matrix
 from unbend.errors import UnbendError
 from unbend.jobs.batch import compute_paths
-from unbend.jobs.worker import initialise
+from unbend.jobs.limits import limit_process
 from unbend.signature.parameters import Parameters
 from unbend.threads import available_cores
 
@@ -45,7 +45,7 @@ def signatures_of(paths: Sequence[Path], parameters: Parameters) -> list[Signatu
 def in_processes(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """Return what `function` makes of each item, on all cores."""
     with ProcessPoolExecutor(
-        available_cores(), mp_context=get_context("spawn"), initializer=initialise, initargs=(None,)
+        available_cores(), mp_context=get_context("spawn"), initializer=limit_process, initargs=(None,)
     ) as pool:
         return list(pool.map(function, items, chunksize=4))
 

@@ -96,10 +96,10 @@ class Server:
         folder.mkdir(parents=True, exist_ok=True)
         self.library = folder / "library.db"
         self.log = folder / "server.log"
-        temporary = folder / "temporary"
-        temporary.mkdir(exist_ok=True)
+        self.temporary = folder / "temporary"
+        self.temporary.mkdir(exist_ok=True)
         environment = without_settings(
-            TMPDIR=str(temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
+            TMPDIR=str(self.temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
         )
         command = [
             sys.executable,

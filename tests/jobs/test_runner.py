@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import sqlite3
-import tempfile
 import time
 from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from server import DAMAGED, children, endless_mesh, medium_mesh, ply, small_mesh, two_rings
+from server import DAMAGED, children, endless_mesh, is_running, medium_mesh, ply, small_mesh, two_rings
 from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
 from unbend.jobs import JobLimits, JobRunner, Upload
@@ -301,6 +303,27 @@ def test_cancelling_stops_a_running_job_and_drops_a_queued_one(shared, loop):
     assert rows(library, "meshes") == before + 3
 
 
+def test_a_cancelled_job_stops_computing_within_a_second(shared, loop):
+    runner, _ = shared
+
+    async def story() -> None:
+        job_id = await queue(runner, ENDLESS, MANY)
+        await until(runner, job_id, computing)
+        (busy,) = (pid for pid in workers() if seconds_computed(pid) > 1.0)
+        begun = time.monotonic()
+        await runner.cancel(job_id)
+        while is_running(busy):
+            await asyncio.sleep(0.005)
+        assert time.monotonic() - begun < 1.0
+
+    loop(story())
+
+
+def seconds_computed(pid: int) -> float:
+    values = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(values[11]) + int(values[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def test_waiting_for_a_job_ends_when_it_is_cancelled_or_time_is_up(shared, loop):
     runner, _ = shared
 
@@ -421,9 +444,17 @@ def test_a_job_over_its_time_is_stopped_and_the_next_one_runs(library):
             await runner.call(time.sleep, PATIENCE)
         shape = library.page().items[0]
         mesh = StoredMesh(library.store.url, shape.sha256, "ply", READ)
-        assert (await runner.call(convert, mesh, "off")).startswith(b"OFF")
+        assert (await patient_call(runner, convert, mesh, "off")).startswith(b"OFF")
 
-    run_with(library, JobLimits(seconds=4.5, drain_seconds=0.0), story)
+    run_with(library, JobLimits(seconds=4.5, call_seconds=4.5, drain_seconds=0.0), story)
+
+
+async def patient_call(runner: JobRunner, *call: Any) -> Any:
+    """Call again where the process, just started anew, was not there in time."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            with contextlib.suppress(JobTimeoutError):
+                return await runner.call(*call)
 
 
 def test_a_job_over_its_memory_fails_and_the_next_one_runs(library):
@@ -435,10 +466,7 @@ def test_a_job_over_its_memory_fails_and_the_next_one_runs(library):
     run_with(library, JobLimits(memory_mb=700, drain_seconds=0.0), story)
 
 
-def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(library, tmp_path, monkeypatch):
-    reports = tmp_path / "reports"
-    reports.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(reports))
+def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(library):
     ids: list[str] = []
     before = workers()
 
@@ -447,11 +475,9 @@ def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(librar
         ids.append(await queue(runner, small_mesh(0)))
         await until(runner, ids[0], computing)
         assert workers(besides=before)
-        assert list(reports.rglob("*"))
 
     run_with(library, LIMITS, story)
     assert workers(besides=before) == []
-    assert list(reports.iterdir()) == []
 
     async def begin_again(runner: JobRunner) -> None:
         assert [(await runner.status(job_id)).attempts for job_id in ids] <= [1, 1]

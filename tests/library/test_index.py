@@ -20,6 +20,7 @@ from unbend import Library, MeshPolicy, Parameters, Signature
 from unbend.errors import NotFoundError, StoreError
 from unbend.library import shapes as rows
 from unbend.library.index import IndexKey, VectorIndex
+from unbend.library.payload import PackedSignature
 from unbend.matching.gallery import UNLABELLED
 from unbend.matching.measures import VectorMeasure, get_vector_measure
 from unbend.signature.signature import ALGORITHM_VERSION
@@ -47,7 +48,8 @@ def add(library: Library, vector, label=None, parameters=ONE, **others) -> str:
 def insert(connection, vector, label=None, parameters=ONE, **others) -> str:
     data = str(next(numbered)).encode()
     new = rows.NewShape(
-        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), signature=signature(vector, parameters, **others),
+        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(),
+        signature=PackedSignature.of(signature(vector, parameters, **others)),
         area=1.0, report={}, name=str(list(vector)), label=label, metadata={},
     )  # fmt: skip
     rows.put_mesh(connection, new.sha256, data)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import partial
 from ipaddress import ip_address
 from typing import Final, Literal, cast
 
-from starlette.concurrency import run_in_threadpool
+from sqlalchemy import Connection
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -25,7 +26,6 @@ from unbend.errors import (
     ScopeError,
     StoreError,
 )
-from unbend.library.engine import Store
 from unbend.library.keys import KeyRecord, find_key, has_keys
 
 CALLER: Final = "unbend.caller"
@@ -110,7 +110,8 @@ class Access:
 
     async def _caller(self, scope: Scope, headers: Headers) -> Caller:
         service = cast("Service", scope["app"].state.service)
-        key, closed = await run_in_threadpool(_look_up, service.library.store, _token(headers.get("authorization")))
+        token = _token(headers.get("authorization"))
+        key, closed = await service.library.store.fetch(partial(_look_up, token=token), ("key", token))
         client, _ = scope.get("client") or ("", None)
         return Caller(key, closed or not (self._settings.open or _is_local(scope, headers)), client)
 
@@ -148,7 +149,6 @@ def _token(given: str | None) -> str | None:
     return token.strip() if scheme.lower() == "bearer" else None
 
 
-def _look_up(store: Store, token: str | None) -> tuple[KeyRecord | None, bool]:
-    with store.read() as connection:
-        key = find_key(connection, token) if token else None
-        return key, key is not None or has_keys(connection)
+def _look_up(connection: Connection, token: str | None) -> tuple[KeyRecord | None, bool]:
+    key = find_key(connection, token) if token else None
+    return key, key is not None or has_keys(connection)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -33,7 +32,7 @@ async def read_upload(file: UploadFile, parameters: str | None, policy: str | No
         reading = MeshPolicy.from_json(policy) if policy else MeshPolicy()
     data = await file.read()
     hint = PurePosixPath(file.filename or "").suffix.lower().lstrip(".")
-    file_type = await asyncio.to_thread(detect_format, data, hint)
+    file_type = detect_format(data, hint)
     return Upload(data, file_type, chosen, reading)
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 
-from pebble import ProcessExpired, ProcessPool
-
-from unbend.errors import MeshReadError, UnbendError, WorkerLostError
-from unbend.jobs.worker import initialise
+from unbend.errors import MeshReadError, UnbendError
+from unbend.jobs.limits import limit_process
+from unbend.jobs.process import WorkerProcess
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.signature.parameters import Parameters
@@ -25,22 +26,29 @@ def compute_paths(
 
     A process for every core; one that dies costs its own file only.
     """
-    with ProcessPool(
-        max_workers=min(available_cores(), max(1, len(paths))),
-        initializer=initialise,
-        initargs=(None,),
-        context=multiprocessing.get_context("spawn"),
-    ) as pool:
-        futures = [pool.schedule(compute_path, args=(path, parameters, policy)) for path in paths]
-        for path, future in zip(paths, futures, strict=True):
-            try:
-                yield future.result()
-            except UnbendError as error:
-                yield error
-            except ProcessExpired:
-                yield WorkerLostError("the process that computed it died")
-            except OSError as error:
-                yield MeshReadError(f"{path}: {error.strerror}")
+    count = min(available_cores(), max(1, len(paths)))
+    free: SimpleQueue[WorkerProcess] = SimpleQueue()
+    for _ in range(count):
+        free.put(WorkerProcess(partial(limit_process, None)))
+
+    def outcome(path: Path) -> Signature | UnbendError:
+        worker = free.get()
+        try:
+            return worker.run(compute_path, (path, parameters, policy))
+        except UnbendError as error:
+            return error
+        except OSError as error:
+            return MeshReadError(f"{path}: {error.strerror}")
+        finally:
+            free.put(worker)
+
+    with ThreadPoolExecutor(count) as threads:
+        try:
+            yield from threads.map(outcome, paths)
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+            for _ in range(count):
+                free.get().end()
 
 
 def compute_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> Signature:

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import logging
 
-from pebble import ProcessExpired
-
-from unbend.errors import JobError, JobMemoryError, JobTimeoutError, UnbendError, WorkerLostError
+from unbend.errors import JobError, JobMemoryError, UnbendError
 
 logger = logging.getLogger("unbend.jobs")
 
 
-def typed_error(error: BaseException, seconds: float) -> UnbendError:
+def typed_error(error: BaseException) -> UnbendError:
     """Return the error of our tree that `error` means."""
     if isinstance(error, UnbendError):
         return error
-    if isinstance(error, TimeoutError):
-        return JobTimeoutError(f"the job ran longer than {seconds:g} seconds")
     if isinstance(error, MemoryError):
         return JobMemoryError("the mesh needs more memory than a job may use")
-    if isinstance(error, ProcessExpired):
-        return WorkerLostError("the process that ran the job died")
     logger.error("a job failed with an unexpected error", exc_info=error)
     return JobError("the job failed for a reason that is ours, not the mesh's")
 

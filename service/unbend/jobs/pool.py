@@ -1,91 +1,147 @@
-"""The pool of worker processes: spawned, limited, replaced when one dies."""
+"""The pool of worker processes: each limited, and replaced when it dies."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import multiprocessing
+import math
 from collections.abc import Callable
-from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, Final, TypeVar
 
-from pebble import ProcessExpired, ProcessPool
-
-from unbend.jobs.worker import initialise, warm_up
+from unbend.errors import JobTimeoutError, WorkerLostError
+from unbend.jobs.process import Listener, WorkerProcess
+from unbend.jobs.worker import initialise
 
 logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
 
-_WARM_UP_ATTEMPTS = 3
-_WARM_UP_SECONDS = 600.0  # the first time on a machine every kernel is compiled
+_START_ATTEMPTS: Final = 3
 
 
 class WorkerPool:
-    """Processes that compute tasks; one that dies takes only its own task with it.
+    """Processes that compute; one that dies takes only its own task with it. Used within one event loop.
 
-    Spawned, not forked: the server has threads. Should the pool itself break, a new one takes its place.
+    Parameters
+    ----------
+    workers : int
+    memory_mb : int or None
+        Megabytes of address space that each process may use.
     """
 
     def __init__(self, workers: int, memory_mb: int | None) -> None:
-        self._workers = workers
-        self._memory = None if memory_mb is None else memory_mb * 2**20
-        self._pool = self._make()
+        self.size = workers
+        memory = None if memory_mb is None else memory_mb * 2**20
+        self._workers = [WorkerProcess(partial(initialise, memory)) for _ in range(workers)]
+        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="unbend worker")
+        self._free: asyncio.LifoQueue[WorkerProcess] = asyncio.LifoQueue()
+        for worker in self._workers:
+            self._free.put_nowait(worker)
 
-    async def warm_up(self) -> None:
-        """Have every process load its kernels."""
+    async def start(self) -> None:
+        """Start every process, and wait until it is ready."""
         try:
-            await asyncio.gather(*(self._warm_up_one() for _ in range(self._workers)))
+            await asyncio.gather(*(self._start_one() for _ in self._workers))
         except Exception:
             logger.exception("the worker processes cannot be started")
             raise
 
-    async def _warm_up_one(self) -> None:
-        for attempt in range(_WARM_UP_ATTEMPTS):
+    async def _start_one(self) -> None:
+        for attempt in range(_START_ATTEMPTS):
             try:
-                await self.call(warm_up, (), _WARM_UP_SECONDS)
-            except ProcessExpired:
-                if attempt + 1 == _WARM_UP_ATTEMPTS:
+                await self.call(_do_nothing, (), math.inf)
+            except WorkerLostError:
+                if attempt + 1 == _START_ATTEMPTS:
                     raise
             else:
                 return
 
-    async def call(self, function: Callable[..., T], arguments: tuple[object, ...], seconds: float) -> T:
-        """Run `function` in a process; cancelling this stops the process.
+    async def call(
+        self,
+        function: Callable[..., T],
+        arguments: tuple[object, ...],
+        seconds: float,
+        listener: Listener | None = None,
+    ) -> T:
+        """Run `function` in a process when one is free; cancelling this kills the process.
+
+        Parameters
+        ----------
+        function, arguments
+            They travel to the process, and the result back.
+        seconds : float
+            That it may run, from when it has a process that is ready.
+        listener : callable, optional
+            Called, in a thread, with what the function tells.
 
         Raises
         ------
-        TimeoutError
-            If it ran longer than `seconds`; its process is stopped.
-        ProcessExpired
+        JobTimeoutError
+            If it ran longer than `seconds`; its process was killed.
+        WorkerLostError
             If its process died.
         Exception
             Whatever the function raises.
         """
-        pool = self._pool
+        worker = await self._free.get()
+        worker.prepare()
+        loop = asyncio.get_running_loop()
+        deadline = _Deadline(worker, seconds)
+
+        def begun() -> None:
+            loop.call_soon_threadsafe(deadline.begin)
+
+        running = loop.run_in_executor(self._threads, worker.run, function, arguments, listener, begun)
+        running.add_done_callback(deadline.end)
+        # Not before its thread is done with it, also where nobody waits for that any more.
+        running.add_done_callback(partial(self._take_back, worker))
         try:
-            result: T = await asyncio.wrap_future(pool.schedule(function, args=arguments, timeout=seconds))
-        except (BrokenProcessPool, RuntimeError) as error:
-            if pool.active:
-                raise
-            self._replace(pool)
-            raise ProcessExpired("the pool of processes broke", code=-1, pid=0) from error
-        return result
+            return await asyncio.shield(running)
+        except asyncio.CancelledError:
+            if not running.done():
+                worker.kill()
+            raise
+        except WorkerLostError:
+            if deadline.passed:
+                raise JobTimeoutError(f"the job ran longer than {seconds:g} seconds") from None
+            raise
+
+    def _take_back(self, worker: WorkerProcess, running: asyncio.Future[Any]) -> None:
+        if not running.cancelled():
+            running.exception()  # looked at, so that asyncio does not complain where nobody else does
+        self._free.put_nowait(worker)
 
     def stop(self) -> None:
         """End all processes, whatever they do."""
-        self._pool.stop()
-        self._pool.join()
+        for worker in self._workers:
+            worker.end()
+        self._threads.shutdown()
 
-    def _make(self) -> ProcessPool:
-        return ProcessPool(
-            max_workers=self._workers,
-            initializer=initialise,
-            initargs=(self._memory,),
-            context=multiprocessing.get_context("spawn"),
-        )
 
-    def _replace(self, broken: ProcessPool) -> None:
-        if self._pool is broken:
-            logger.error("the pool of processes broke; starting another")
-            broken.stop()
-            self._pool = self._make()
+class _Deadline:
+    """Kills a worker when its time is over."""
+
+    def __init__(self, worker: WorkerProcess, seconds: float) -> None:
+        self.passed = False
+        self._worker = worker
+        self._seconds = seconds
+        self._timer: asyncio.TimerHandle | None = None
+        self._ended = False
+
+    def begin(self) -> None:
+        if not self._ended and self._seconds < math.inf:
+            self._timer = asyncio.get_running_loop().call_later(self._seconds, self._pass)
+
+    def end(self, _running: asyncio.Future[Any]) -> None:
+        self._ended = True
+        if self._timer:
+            self._timer.cancel()
+
+    def _pass(self) -> None:
+        self.passed = True
+        self._worker.kill()
+
+
+def _do_nothing() -> None:
+    """Do what a process can do as soon as it is ready."""

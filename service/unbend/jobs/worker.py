@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import os
-import resource
-import signal
-import threading
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
-from unbend.jobs.progress import ProgressFile, StageClock
+from unbend.jobs.limits import limit_process
+from unbend.jobs.progress import StageClock
 from unbend.library.engine import Store
+from unbend.library.payload import PackedSignature
 from unbend.library.shapes import get_mesh
 from unbend.matching.measures import MEASURES, compare
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex
@@ -52,9 +46,7 @@ class StoredMesh:
 class Task:
     """A job, as much as a worker needs of it."""
 
-    job_id: str
     mesh: StoredMesh
-    progress_folder: Path
     parameters: str
 
 
@@ -62,7 +54,7 @@ class Task:
 class Outcome:
     """What a worker computed."""
 
-    signature: Signature
+    signature: PackedSignature
     area: float
     report: dict[str, Any]
     seconds: dict[str, float]
@@ -78,21 +70,9 @@ class Geodesics:
 
 
 def initialise(memory_bytes: int | None) -> None:
-    """Prepare a worker: one thread for each library, no more memory than allowed, Ctrl-C left to the server."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_follow_parent, daemon=True).start()
-    threadpool_limits(1)  # the pool has a process for every core
-    if memory_bytes:
-        with contextlib.suppress(ValueError, OSError):  # systems that do not limit address space
-            resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-
-
-def _follow_parent() -> None:
-    """End with the process that started this one, however it ended: nobody wants the work any more."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    """Prepare a process that computes jobs: nobody's first job is to wait for kernels to be compiled or loaded."""
+    limit_process(memory_bytes)
+    warm_up()
 
 
 def compute(task: Task) -> Outcome:
@@ -105,14 +85,16 @@ def compute(task: Task) -> Outcome:
     JobMemoryError
         If it asks for more memory than allowed.
     """
-    clock = StageClock(ProgressFile(task.progress_folder, task.job_id))
+    clock = StageClock()
     try:
         clock.report("reading", 0.0)
         surface = _read(task.mesh)
         signature = compute_signature(surface, Parameters.from_json(task.parameters), progress=clock.report, threads=1)
     except MemoryError:
         raise JobMemoryError("the mesh needs more memory than a job may use") from None
-    return Outcome(signature, surface.area, surface.report.as_dict(), clock.seconds())
+    finally:
+        clock.tell()
+    return Outcome(PackedSignature.of(signature), surface.area, surface.report.as_dict(), clock.seconds())
 
 
 def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | None = None) -> Geodesics:
@@ -149,14 +131,13 @@ def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes
     return export_flattening(flatten(_read(mesh), parameters, threads=1), file_type)
 
 
-def warm_up() -> bool:
-    """Compile or load every kernel by comparing two small signatures, so that nobody waits for the first answer."""
+def warm_up() -> None:
+    """Compile or load every kernel by comparing two small signatures."""
     first, second = (
         compute_signature(read_mesh(_TETRAHEDRON.format(height=height).encode()), threads=1) for height in (1, 2)
     )
     for measure in MEASURES:
         compare(first, second, measure)
-    return True
 
 
 def _read(mesh: StoredMesh) -> Surface:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
-from sqlalchemy import Column, Connection, exists, insert, select, update
+from sqlalchemy import Column, Connection, bindparam, exists, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
@@ -35,6 +35,11 @@ _COLUMNS: Final[tuple[Column[Any], ...]] = (
     api_keys.c.created_at,
     api_keys.c.revoked_at,
 )
+# Made once: every request asks these.
+_FIND = select(*_COLUMNS, api_keys.c.sha256).where(
+    api_keys.c.id == bindparam("key_id"), api_keys.c.revoked_at.is_(None)
+)
+_ANY = select(exists().where(api_keys.c.revoked_at.is_(None)))
 
 
 @dataclass(frozen=True)
@@ -89,9 +94,7 @@ def find_key(connection: Connection, text: str) -> KeyRecord | None:
     """Return the live key that this is the text of, if there is one."""
     prefix, _, rest = text.partition("_")
     key_id, _, secret = rest.partition("_")
-    row = connection.execute(
-        select(*_COLUMNS, api_keys.c.sha256).where(api_keys.c.id == key_id, api_keys.c.revoked_at.is_(None))
-    ).one_or_none()
+    row = connection.execute(_FIND, {"key_id": key_id}).one_or_none()
     if prefix != _PREFIX or row is None or not hmac.compare_digest(row.sha256, _hash(secret)):
         return None
     return _record(row)
@@ -99,7 +102,7 @@ def find_key(connection: Connection, text: str) -> KeyRecord | None:
 
 def has_keys(connection: Connection) -> bool:
     """Return whether any key is live: the library is then closed to callers without one."""
-    return bool(connection.scalar(select(exists().where(api_keys.c.revoked_at.is_(None)))))
+    return bool(connection.scalar(_ANY))
 
 
 def _hash(secret: str) -> str:

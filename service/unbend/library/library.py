@@ -13,7 +13,7 @@ from unbend.library.engine import Store
 from unbend.library.index import IndexKey, VectorIndex
 from unbend.library.key import UploadKey
 from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, map_of, select
-from unbend.library.payload import unpack_signature
+from unbend.library.payload import PackedSignature, unpack_signature
 from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.values import MAX_TEXT, check_changes
@@ -122,7 +122,7 @@ class Library:
         new = rows.NewShape(
             sha256=key.sha256,
             policy=reading,
-            signature=compute_signature(surface, chosen),
+            signature=PackedSignature.of(compute_signature(surface, chosen)),
             area=surface.area,
             report=surface.report.as_dict(),
             **described,

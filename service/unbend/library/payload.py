@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -13,6 +16,29 @@ from unbend.signature.signature import Signature
 
 _ARRAYS = ("points", "faces", "samples", "weights")
 _NUMBERS = ("scale", "stress", "asymmetry")
+
+
+@dataclass(frozen=True)
+class PackedSignature:
+    """A signature as it is stored."""
+
+    parameters: str
+    version: str
+    stress: float
+    payload: bytes
+    vectors: Mapping[str, bytes]
+    """Its descriptors."""
+
+    @classmethod
+    def of(cls, signature: Signature) -> Self:
+        """Pack a signature."""
+        vectors = {name: pack_vector(vector) for name, vector in signature.descriptors.items()}
+        parameters = signature.parameters.to_json()
+        return cls(parameters, signature.version, signature.stress, pack_signature(signature), vectors)
+
+    def unpack(self) -> Signature:
+        """Return the signature."""
+        return unpack_signature(self.payload)
 
 
 def pack_signature(signature: Signature) -> bytes:

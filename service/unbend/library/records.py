@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Literal
 
@@ -71,6 +71,8 @@ class JobRecord:
     started_at: datetime | None
     finished_at: datetime | None
     seq: int
+    detail: dict[str, float] = field(default_factory=dict)
+    """What the stage tells of itself while the job runs; not stored."""
 
     @property
     def finished(self) -> bool:

@@ -14,11 +14,10 @@ from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library.key import UploadKey
-from unbend.library.payload import pack_signature, pack_vector
+from unbend.library.payload import PackedSignature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.schema import descriptors, jobs, library_state, meshes, removals, shapes, signatures
 from unbend.mesh.policy import MeshPolicy
-from unbend.signature.signature import Signature
 
 MAX_PAGE = 500
 
@@ -30,7 +29,27 @@ _COLUMNS = (
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
     meshes, signatures.c.mesh_sha256 == meshes.c.sha256
 )
-# What every search asks, made once.
+# Made once: to make a statement costs more than to run it.
+_GET = select(*_COLUMNS).select_from(_JOINED).where(shapes.c.id == bindparam("shape_id"))
+_FIND = (
+    select(*_COLUMNS)
+    .select_from(_JOINED)
+    .where(
+        signatures.c.mesh_sha256 == bindparam("sha256"),
+        signatures.c.parameters == bindparam("parameters"),
+        signatures.c.policy == bindparam("policy"),
+        signatures.c.version == bindparam("version"),
+    )
+)
+_HAS_MESH = select(exists().where(meshes.c.sha256 == bindparam("sha256")))
+_GET_MESH = select(meshes.c.data).where(meshes.c.sha256 == bindparam("sha256"))
+_PUT_MESH, _ADD_DESCRIPTORS, _ADD_SHAPE = insert(meshes), insert(descriptors), insert(shapes)
+_ADD_SIGNATURE = insert(signatures).returning(signatures.c.id)
+_WANTED = select(
+    exists().where(signatures.c.mesh_sha256 == bindparam("sha256"))
+    | exists().where(jobs.c.mesh_sha256 == bindparam("sha256"), jobs.c.state.in_(("queued", "running")))
+)
+_NEXT_REVISION = update(library_state).values(revision=library_state.c.revision + 1).returning(library_state.c.revision)
 _PLACE = (
     select(shapes.c.seq, signatures.c.parameters, signatures.c.version)
     .join(signatures, shapes.c.signature_id == signatures.c.id)
@@ -47,7 +66,7 @@ class NewShape:
 
     sha256: str
     policy: MeshPolicy
-    signature: Signature
+    signature: PackedSignature
     area: float
     report: dict[str, Any]
     name: str
@@ -57,19 +76,18 @@ class NewShape:
     @property
     def key(self) -> UploadKey:
         """What other uploads are the same by."""
-        parameters = self.signature.parameters.to_json()
-        return UploadKey(self.sha256, parameters, self.policy.to_json(), self.signature.version)
+        return UploadKey(self.sha256, self.signature.parameters, self.policy.to_json(), self.signature.version)
 
 
 def put_mesh(connection: Connection, sha256: str, data: bytes) -> None:
     """Keep a file's bytes, once."""
-    if not connection.scalar(select(exists().where(meshes.c.sha256 == sha256))):
-        connection.execute(insert(meshes).values(sha256=sha256, size=len(data), data=data))
+    if not connection.scalar(_HAS_MESH, {"sha256": sha256}):
+        connection.execute(_PUT_MESH, {"sha256": sha256, "size": len(data), "data": data})
 
 
 def get_mesh(connection: Connection, sha256: str) -> bytes:
     """Return a file's bytes."""
-    data = connection.scalar(select(meshes.c.data).where(meshes.c.sha256 == sha256))
+    data = connection.scalar(_GET_MESH, {"sha256": sha256})
     if data is None:
         raise NotFoundError(f"no mesh {sha256}")
     return bytes(data)
@@ -77,13 +95,7 @@ def get_mesh(connection: Connection, sha256: str) -> bytes:
 
 def drop_unused_mesh(connection: Connection, sha256: str) -> None:
     """Forget a file's bytes if no signature and no unfinished job needs them."""
-    wanted = connection.scalar(
-        select(
-            exists().where(signatures.c.mesh_sha256 == sha256)
-            | exists().where(jobs.c.mesh_sha256 == sha256, jobs.c.state.in_(("queued", "running")))
-        )
-    )
-    if not wanted:
+    if not connection.scalar(_WANTED, {"sha256": sha256}):
         connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
         connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
 
@@ -93,50 +105,40 @@ def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
     known = find_shape(connection, new.key)
     if known:
         return known
-    signature = new.signature
+    packed = new.signature
     _next_revision(connection)
-    inserted = connection.execute(
-        insert(signatures).values(
-            mesh_sha256=new.sha256, parameters=new.key.parameters, policy=new.key.policy, version=new.key.version,
-            report=new.report, area=new.area, stress=signature.stress, payload=pack_signature(signature),
-        )
-    ).inserted_primary_key  # fmt: skip
-    (signature_id,) = inserted or (None,)
+    signature_id = connection.scalar(
+        _ADD_SIGNATURE,
+        {
+            "mesh_sha256": new.sha256, "parameters": new.key.parameters, "policy": new.key.policy,
+            "version": new.key.version, "report": new.report, "area": new.area, "stress": packed.stress,
+            "payload": packed.payload,
+        },
+    )  # fmt: skip
     connection.execute(
-        insert(descriptors),
+        _ADD_DESCRIPTORS,
         [
-            {"signature_id": signature_id, "measure": measure, "vector": pack_vector(vector)}
-            for measure, vector in signature.descriptors.items()
+            {"signature_id": signature_id, "measure": measure, "vector": vector}
+            for measure, vector in packed.vectors.items()
         ],
     )
     shape_id = uuid.uuid4().hex
+    described = {"name": new.name, "label": new.label, "metadata": new.metadata}
     connection.execute(
-        insert(shapes).values(
-            id=shape_id, name=new.name, label=new.label, metadata=new.metadata, signature_id=signature_id,
-            created_at=datetime.now(UTC),
-        )
-    )  # fmt: skip
+        _ADD_SHAPE, {"id": shape_id, "signature_id": signature_id, "created_at": datetime.now(UTC), **described}
+    )
     return get_shape(connection, shape_id)
 
 
 def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:
     """Return the shape of this key, if there is one."""
-    row = connection.execute(
-        select(*_COLUMNS)
-        .select_from(_JOINED)
-        .where(
-            signatures.c.mesh_sha256 == key.sha256,
-            signatures.c.parameters == key.parameters,
-            signatures.c.policy == key.policy,
-            signatures.c.version == key.version,
-        )
-    ).one_or_none()
+    row = connection.execute(_FIND, vars(key)).one_or_none()
     return None if row is None else _record(row)
 
 
 def get_shape(connection: Connection, shape_id: str) -> ShapeRecord:
     """Return a shape; NotFoundError if there is none of this id."""
-    row = connection.execute(select(*_COLUMNS).select_from(_JOINED).where(shapes.c.id == shape_id)).one_or_none()
+    row = connection.execute(_GET, {"shape_id": shape_id}).one_or_none()
     if row is None:
         raise NotFoundError(f"no shape {shape_id}")
     return _record(row)
@@ -214,8 +216,7 @@ def count_shapes(connection: Connection) -> int:
 
 def _next_revision(connection: Connection) -> int:
     """Count a change. Before a shape is added, so that where writers wait for each other here, seqs are in order."""
-    changed = update(library_state).values(revision=library_state.c.revision + 1).returning(library_state.c.revision)
-    return int(connection.scalars(changed).one())
+    return int(connection.scalars(_NEXT_REVISION).one())
 
 
 def _cursor(text: str) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
@@ -19,6 +20,7 @@ from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
+from unbend.library import shapes as rows
 from unbend.library.records import ShapeRecord
 from unbend.library.values import MAX_TEXT
 from unbend.mesh.policy import MeshPolicy
@@ -97,9 +99,10 @@ def list_shapes(
     "/{shape_id}",
     responses={200: {"links": shape_links("$response.body#/id", "get_shape")}, **problem_responses(404, 422)},
 )
-def get_shape(service: ServiceDependency, shape_id: ShapeId) -> Shape:
+async def get_shape(service: ServiceDependency, shape_id: ShapeId) -> Shape:
     """Return a shape's record."""
-    return Shape.of(service.library.get(shape_id))
+    look = partial(rows.get_shape, shape_id=shape_id)
+    return Shape.of(await service.library.store.fetch(look, ("shape", shape_id)))
 
 
 @router.patch(

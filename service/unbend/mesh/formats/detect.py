@@ -12,8 +12,10 @@ FORMATS: Final = ("off", "obj", "ply", "stl", "glb")
 """The allow-list: single files, no archives, nothing that refers to other files."""
 
 _OFF = re.compile(rb"^(\s|#[^\n]*\n)*(ST)?C?N?OFF\b", re.IGNORECASE)
-_OBJ = re.compile(rb"^\s*(v|f)\s+[-+.\d]", re.MULTILINE)
+_OBJ = re.compile(rb"^[ \t]*(v|f)[ \t]+[-+.\d]", re.MULTILINE)
 _HEAD = 4096
+_COMMENTS = 2**20
+"""Bytes in which an obj's first vertex is looked for; what comes before are comments."""
 
 
 def detect_format(data: bytes, hint: str | None = None) -> str:
@@ -36,7 +38,7 @@ def detect_format(data: bytes, hint: str | None = None) -> str:
         return found
     if hint in FORMATS:
         return hint
-    what = "empty" if not data.strip() else f"a .{hint} file" if hint else "of no format we know"
+    what = "empty" if not data[:_COMMENTS].strip() else f"a .{hint} file" if hint else "of no format we know"
     raise MeshFormatError(f"the file is {what}; formats read are {', '.join(FORMATS)}")
 
 
@@ -50,7 +52,7 @@ def _by_content(data: bytes) -> str | None:
         return "off"
     if _is_binary_stl(data) or (head.lstrip().startswith(b"solid") and b"facet" in head):
         return "stl"
-    if b"\0" not in head and (_OBJ.search(head) or _OBJ.search(data)):
+    if b"\0" not in head and _OBJ.search(data, 0, _COMMENTS):
         return "obj"
     return None
 

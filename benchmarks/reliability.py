@@ -1,0 +1,54 @@
+"""Whether the service loses anything where its processes are killed, and whether it grows: each against a real server.
+
+    python benchmarks/reliability.py [workers] [server] [memory] [--worker-kills N] [--server-kills N] [--jobs N]
+
+Writes the sections "workers", "server" and "memory" of docs/reliability.md, those that are named or all. Ends with
+status 1 if anything was not as it must be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from peers import ROOT, write_section
+from reliability_kills import Report, kill_servers, kill_workers
+from reliability_memory import work_on
+
+PAGE = ROOT / "docs" / "reliability.md"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sections", nargs="*", metavar="section", help="workers, server or memory; all by default")
+    parser.add_argument("--worker-kills", type=int, default=100)
+    parser.add_argument("--server-kills", type=int, default=50)
+    parser.add_argument("--jobs", type=int, default=10_000)
+    parser.add_argument("--shapes", type=int, default=1000, help="shapes that are added to see what one takes")
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    sections = {
+        "workers": lambda: kill_workers(asked.worker_kills, asked.seed),
+        "server": lambda: kill_servers(asked.server_kills, asked.seed),
+        "memory": lambda: work_on(asked.jobs, asked.shapes, asked.seed),
+    }
+    if unknown := set(asked.sections) - set(sections):
+        parser.error(f"no section {', '.join(sorted(unknown))}")
+    if not PAGE.exists():
+        PAGE.write_text("# Reliability\n")
+    reports = {name: sections[name]() for name in sections if not asked.sections or name in asked.sections}
+    for name, report in reports.items():
+        write_section(PAGE, name, report.text)
+    sys.exit(_told(reports))
+
+
+def _told(reports: dict[str, Report]) -> int:
+    """Say what was not as it must be; return the exit status."""
+    for name, report in reports.items():
+        for fault in report.faults:
+            print(f"{name}: {fault}", file=sys.stderr)
+    return int(any(report.faults for report in reports.values()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""The dispatcher: takes jobs from the durable queue, has processes compute them, stores what comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Final, TypeVar
+
+from sqlalchemy import Connection
+from sqlalchemy.exc import SQLAlchemyError
+
+from unbend.errors import WorkerLostError
+from unbend.jobs.failures import describe, typed_error
+from unbend.jobs.limits import JobLimits
+from unbend.jobs.news import News
+from unbend.jobs.observer import CURRENT_JOB, JobObserver
+from unbend.jobs.pool import WorkerPool
+from unbend.jobs.progress import Report
+from unbend.jobs.worker import Outcome, StoredMesh, Task, compute
+from unbend.library import Library, queue
+from unbend.library import shapes as rows
+from unbend.library.records import JobRecord
+from unbend.library.writer import Writer
+from unbend.mesh.policy import MeshPolicy
+
+logger = logging.getLogger("unbend.jobs")
+T = TypeVar("T")
+
+_RETRY_SECONDS: Final = 1.0
+_LOST: Final = WorkerLostError("the process that ran the job died")
+
+
+class Dispatcher:
+    """Runs queued jobs, as many at a time as keep the processes busy. Used within one event loop."""
+
+    def __init__(
+        self, library: Library, writer: Writer, pool: WorkerPool, limits: JobLimits, observer: JobObserver, news: News
+    ) -> None:
+        self._library = library
+        self._writer = writer
+        self._pool = pool
+        self._limits = limits
+        self._observer = observer
+        self._news = news
+        # twice as many jobs as processes are in hand, so that no process waits for the store
+        self._slots = asyncio.Semaphore(2 * pool.size)
+        self._wake = asyncio.Event()
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._loop_task: asyncio.Task[None] | None = None
+
+    async def start(self) -> None:
+        """Take up what an earlier process left, and begin."""
+        for job in await self._made(self._recover):
+            self.note_end(job)
+        self._loop_task = asyncio.create_task(self._dispatch(), name="unbend dispatcher")
+
+    async def stop(self) -> None:
+        """Claim no more, give running jobs `limits.drain_seconds`, put the rest back into the queue."""
+        if self._loop_task:
+            self._loop_task.cancel()
+            await asyncio.gather(self._loop_task, return_exceptions=True)
+        if self._tasks:
+            await asyncio.wait(self._tasks.values(), timeout=self._limits.drain_seconds)
+        left = dict(self._tasks)
+        for task in left.values():
+            task.cancel()
+        await asyncio.gather(*left.values(), return_exceptions=True)
+        for job_id in left:
+            await self._made(partial(queue.give_back, job_id=job_id, lost="nothing"))
+
+    @property
+    def alive(self) -> bool:
+        """Whether jobs are taken from the queue."""
+        return self._loop_task is not None and not self._loop_task.done()
+
+    @property
+    def running(self) -> int:
+        """How many jobs are in hand."""
+        return len(self._tasks)
+
+    def wake(self) -> None:
+        """Have the queue looked at."""
+        self._wake.set()
+
+    def drop(self, job_id: str) -> None:
+        """Stop a job's process if it is in hand."""
+        if task := self._tasks.get(job_id):
+            task.cancel()
+
+    def note_end(self, job: JobRecord) -> None:
+        """Tell the log, the observer, and whoever waits, of a job that has ended."""
+        if job.error:
+            logger.info("%s job %s: %s: %s", job.kind, job.state, job.error["code"], job.error["message"])
+        else:
+            logger.info("%s job %s", job.kind, job.state)
+        self._observer.ended(job)
+        self._news.change(job.id)
+
+    async def _dispatch(self) -> None:
+        while True:
+            await self._slots.acquire()
+            self._wake.clear()
+            job = await self._made(queue.claim)
+            if job is None:
+                self._slots.release()
+                await self._wake.wait()
+                continue
+            task = asyncio.create_task(self._run(job), name=f"unbend job {job.id}")
+            self._tasks[job.id] = task
+            task.add_done_callback(partial(self._release, job.id))
+
+    def _release(self, job_id: str, _task: asyncio.Task[None]) -> None:
+        self._tasks.pop(job_id, None)
+        self._news.forget(job_id)
+        self._slots.release()
+
+    async def _run(self, job: JobRecord) -> None:
+        CURRENT_JOB.set(job.id)
+        logger.info("%s job begun, attempt %d", job.kind, job.attempts)
+        self._news.change(job.id)
+        try:
+            ended = await self._computed(job)
+        except WorkerLostError as error:
+            if job.attempts < self._limits.attempts:
+                logger.warning("the job lost its process, attempt %d", job.attempts)
+                await self._made(partial(queue.give_back, job_id=job.id, lost="worker"))
+                self._news.change(job.id)
+                self.wake()
+                return
+            ended = await self._failed(job, error)
+        except Exception as error:  # noqa: BLE001  whatever a job does, it ends as that job's failure
+            ended = await self._failed(job, error)
+        if ended:
+            self.note_end(ended)
+
+    async def _computed(self, job: JobRecord) -> JobRecord | None:
+        """Have a job computed and its result stored; None if it was ended by somebody else meanwhile."""
+        mesh = StoredMesh(
+            self._library.store.url, job.mesh_sha256 or "", job.file_type, MeshPolicy.from_json(job.policy)
+        )
+        listener = partial(self._news.report, job.id)
+        outcome = await self._pool.call(compute, (Task(mesh, job.parameters),), self._limits.seconds, listener)
+        self._observer.computed(outcome.seconds)
+        if job.kind == "query":
+            ranking = await asyncio.to_thread(self._library.rank, outcome.signature.unpack(), **job.request)
+            result = ranking.as_dict()
+            return await self._made(lambda connection: queue.finish(connection, job.id, "succeeded", result=result))
+        return await self._made(partial(_store_shape, job=job, outcome=outcome))
+
+    async def _failed(self, job: JobRecord, error: Exception) -> JobRecord | None:
+        why = describe(typed_error(error))
+        report = self._news.last(job.id) or Report(job.stage, job.progress)
+        reached = {"stage": report.stage, "progress": report.share}
+        return await self._made(
+            lambda connection: queue.finish(connection, job.id, "failed", error=why, reached=reached)
+        )
+
+    async def _made(self, change: Callable[[Connection], T]) -> T:
+        """Make a change, again and again where the store cannot: what was computed, or claimed, is not lost by that."""
+        while True:
+            try:
+                return await asyncio.wrap_future(self._writer.submit(change))
+            except SQLAlchemyError:
+                logger.exception("the store cannot be written; trying again")
+                await asyncio.sleep(_RETRY_SECONDS)
+
+    def _recover(self, connection: Connection) -> list[JobRecord]:
+        """Put jobs that were cut off back into the queue; return those that end here, for it was too often."""
+        ended = []
+        for job in queue.running_jobs(connection):
+            if job.restarts < self._limits.restarts:
+                queue.give_back(connection, job.id, lost="server")
+            elif done := queue.finish(connection, job.id, "failed", error=describe(_LOST)):
+                ended.append(done)
+        return ended
+
+
+def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> JobRecord | None:
+    if queue.get_job(connection, job.id).finished:  # cancelled while the result was on its way
+        return None
+    shape = rows.add_shape(
+        connection,
+        rows.NewShape(
+            sha256=job.mesh_sha256 or "", policy=MeshPolicy.from_json(job.policy), signature=outcome.signature,
+            area=outcome.area, report=outcome.report, name=job.request["name"], label=job.request["label"],
+            metadata=job.request["metadata"],
+        ),
+    )  # fmt: skip
+    return queue.finish(connection, job.id, "succeeded", shape_id=shape.id)

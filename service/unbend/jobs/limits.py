@@ -1,0 +1,62 @@
+"""What one job, its process, and the queue may take."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import resource
+import signal
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import scipy.linalg  # noqa: F401  loaded before its threads, and NumPy's, are limited
+from threadpoolctl import threadpool_limits
+
+_NICE: Final = 5
+"""The server answers while all cores compute: the system is told whose turn comes first."""
+
+_FIRST_TO_GO: Final = "500"
+"""Where the machine runs out of memory the system ends a worker before the server, which would lose them all."""
+
+
+@dataclass(frozen=True)
+class JobLimits:
+    """What one job, and the queue, may take."""
+
+    seconds: float = 600.0
+    memory_mb: int | None = 8192
+    queued: int = 10_000
+    attempts: int = 2
+    """Times a job is begun before the loss of its process is its failure."""
+    restarts: int = 10
+    """Times the whole server may be lost while a job is in hand: seldom that job's fault, but it may be."""
+    drain_seconds: float = 20.0
+    call_seconds: float = 60.0
+    """That a call past the queue may take, waiting included."""
+    calls: int = 32
+    """Calls past the queue that may wait."""
+
+
+def limit_process(memory_bytes: int | None) -> None:
+    """Prepare a worker: one thread for each library, no more memory than allowed, Ctrl-C left to the server."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow_parent, daemon=True).start()
+    threadpool_limits(1)  # the pool has a process for every core
+    with contextlib.suppress(OSError):
+        os.nice(_NICE)
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO)
+    if memory_bytes:
+        with contextlib.suppress(ValueError, OSError):  # systems that do not limit address space
+            resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+
+
+def _follow_parent() -> None:
+    """End with the process that started this one, however it ended: nobody wants the work any more."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,201 @@
+"""One worker process: it runs one function at a time, and can be ended at any moment without harm to others.
+
+It shares no pipe and no lock with another. Where processes do, one that is killed while it holds a lock, or in the
+middle of a message, leaves the others waiting for ever (docs/decisions.md).
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any, Final, TypeVar
+
+from unbend.errors import WorkerLostError
+
+T = TypeVar("T")
+
+Listener = Callable[[Any], None]
+
+_CONTEXT: Final = multiprocessing.get_context("spawn")  # the server has threads, so it must not be forked
+_STARTING: Final = threading.Lock()
+"""Processes are started one by one: what multiprocessing keeps of its children is not made for several threads."""
+
+_END_SECONDS: Final = 10.0
+
+
+@dataclass(frozen=True)
+class _Done:
+    result: Any
+
+
+@dataclass(frozen=True)
+class _Raised:
+    error: BaseException
+
+
+@dataclass(frozen=True)
+class _Told:
+    news: Any
+
+
+@dataclass(frozen=True)
+class _Child:
+    """A process and our end of its pipe."""
+
+    process: SpawnProcess
+    pipe: Connection
+
+    def bury(self) -> None:
+        """Clear away what has ended, or is no use any more."""
+        self.pipe.close()
+        self.process.kill()
+        self.process.join(_END_SECONDS)
+
+
+class WorkerProcess:
+    """A process, started when first needed, and another in its place when it has died.
+
+    `run` is for one thread at a time; `kill` may be called from any.
+
+    Parameters
+    ----------
+    initialise : callable
+        Called in the process before anything else.
+    """
+
+    def __init__(self, initialise: Callable[[], None]) -> None:
+        self._initialise = initialise
+        self._guard = threading.Lock()
+        self._child: _Child | None = None
+        self._is_ready = False
+        self._killed = self._ended = False
+
+    def prepare(self) -> None:
+        """Forget an earlier `kill`: what follows is about the next `run`."""
+        self._killed = False
+
+    def run(
+        self,
+        function: Callable[..., T],
+        arguments: tuple[object, ...],
+        listener: Listener | None = None,
+        begun: Callable[[], None] | None = None,
+    ) -> T:
+        """Run a function in the process.
+
+        Parameters
+        ----------
+        function, arguments
+            They travel to the process, and the result back.
+        listener : callable, optional
+            Called with what the function tells meanwhile.
+        begun : callable, optional
+            Called when the process is there and has the function.
+
+        Raises
+        ------
+        WorkerLostError
+            If the process died, was killed, or could not be started.
+        Exception
+            Whatever the function raises.
+        """
+        child = self._given(function, arguments)
+        if begun:
+            begun()
+        try:
+            while isinstance(message := child.pipe.recv(), _Told):
+                if listener:
+                    listener(message.news)
+        except Exception as error:  # the pipe has ended, perhaps within a message
+            self._replace(child)
+            raise WorkerLostError("the process that ran the job died") from error
+        if isinstance(message, _Raised):
+            raise message.error
+        result: T = message.result
+        return result
+
+    def kill(self) -> None:
+        """Have the `run` that is under way, or about to begin, raise; a process that has its function is ended."""
+        with self._guard:
+            self._killed = True
+            if self._child and self._is_ready:
+                self._child.process.kill()
+
+    def end(self) -> None:
+        """End the process for good."""
+        with self._guard:
+            self._killed = self._ended = True
+            if self._child:
+                self._child.process.kill()
+        if self._child:
+            self._child.process.join(_END_SECONDS)
+
+    def _given(self, function: Callable[..., T], arguments: tuple[object, ...]) -> _Child:
+        """Return a process that has been given the function."""
+        for _ in range(2):  # one that died while it had nothing to do is nobody's loss
+            child = self._child if self._child and self._child.process.is_alive() else self._begin()
+            try:
+                if not self._is_ready:
+                    child.pipe.recv()
+                    self._is_ready = True
+                if not self._killed:
+                    child.pipe.send((function, arguments))
+                    return child
+            except (EOFError, OSError):
+                self._replace(child)
+            if self._killed:
+                break
+        raise WorkerLostError("no process could be had for the job")
+
+    def _begin(self) -> _Child:
+        ours, theirs = _CONTEXT.Pipe()
+        with _STARTING, self._guard:
+            if self._ended:
+                raise WorkerLostError("the pool was stopped")
+            process = _CONTEXT.Process(target=_serve, args=(theirs, self._initialise), daemon=True)
+            process.start()
+            self._child, self._is_ready = _Child(process, ours), False
+        theirs.close()  # so that its end is the end of the pipe
+        return self._child
+
+    def _replace(self, child: _Child) -> None:
+        child.bury()
+        if not self._ended:
+            self._begin()  # at once: it makes itself ready while nobody waits for it
+
+
+_PIPE: Connection | None = None
+
+
+def tell(news: object) -> None:
+    """Tell the listener of the function that runs in this process, if this is a worker."""
+    if _PIPE is not None:
+        _PIPE.send(_Told(news))
+
+
+def _serve(pipe: Connection, initialise: Callable[[], None]) -> None:
+    """Run what comes through the pipe until it ends."""
+    global _PIPE  # noqa: PLW0603
+    initialise()
+    pipe.send(None)  # ready
+    _PIPE = pipe
+    while True:
+        try:
+            function, arguments = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_outcome(function, arguments))
+
+
+def _outcome(function: Callable[..., Any], arguments: tuple[object, ...]) -> _Done | _Raised:
+    try:
+        return _Done(function(*arguments))
+    except Exception as error:  # noqa: BLE001  it is raised in the process that asked
+        # Tracebacks do not travel; as a note this one is logged where the error is.
+        error.add_note("".join(traceback.format_exception(error)))
+        return _Raised(error)

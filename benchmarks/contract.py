@@ -39,8 +39,6 @@ def main() -> None:
             "open": report_on(Path(name) / "open", examples, steps, seed, closed=False),
             "with keys": report_on(Path(name) / "closed", examples, steps, seed, closed=True),
         }
-    if not PAGE.exists():
-        PAGE.write_text("# Reliability\n")
     write_section(PAGE, "contract", text(reports, examples, steps, seed, time.perf_counter() - start))
     for report in reports.values():
         if report.failed or set(report.phases.values()) != {"success"}:

@@ -53,7 +53,7 @@ class ShapeChanges(BaseModel):
 
     # by factories, for what is left out is not set to anything, and the document must not say so
     name: str = Field(default_factory=str, min_length=1, max_length=MAX_TEXT)
-    label: str | None = Field(default_factory=lambda: None, min_length=1, max_length=MAX_TEXT)
+    label: str | None = Field(default_factory=lambda: None, min_length=1, max_length=MAX_TEXT, examples=["cat"])
     metadata: dict[str, Any] = Field(default_factory=dict)
 
 

@@ -56,7 +56,9 @@ async def upload_shape(
     service: ServiceDependency,
     file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
     name: Annotated[str, Form(max_length=MAX_TEXT, description="The file's own by default.")] = "",
-    label: Annotated[str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.")] = "",
+    label: Annotated[
+        str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.", examples=["cat"])
+    ] = "",
     metadata: Annotated[MetadataText, Form()] = None,
     parameters: Annotated[ParametersText, Form()] = None,
     policy: Annotated[PolicyText, Form()] = None,

@@ -7,7 +7,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench openapi clean clean-kernels
+.PHONY: serve test lint types layers check bench contract openapi clean clean-kernels
 
 serve: .venv/run
 	$(BIN)/unbend demo --library demo.db
@@ -40,6 +40,10 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/robustness.py
 	$(BIN)/python benchmarks/search.py
 	$(BIN)/python benchmarks/reliability.py
+
+# slow: thousands of requests made up from the OpenAPI document
+contract: .venv/test
+	$(BIN)/python benchmarks/contract.py
 
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json

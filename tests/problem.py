@@ -6,6 +6,12 @@ import httpx
 
 MEMBERS = {"type", "title", "status", "detail", "code", "advice", "errors"}
 
+TITLES = {
+    400: "Bad Request", 401: "Unauthorized", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed",
+    406: "Not Acceptable", 409: "Conflict", 413: "Content Too Large", 415: "Unsupported Media Type",
+    422: "Unprocessable Content", 429: "Too Many Requests", 500: "Internal Server Error", 503: "Service Unavailable",
+}  # fmt: skip
+
 
 def check(response: httpx.Response, status: int, code: str) -> dict:
     """The problem that a response is, after looking at its shape."""
@@ -16,7 +22,8 @@ def check(response: httpx.Response, status: int, code: str) -> dict:
     assert problem["status"] == status
     assert problem["code"] == code
     assert problem["type"] == "about:blank"
-    assert problem["title"]
+    assert problem["title"] == TITLES[status]
+    assert response.headers["x-request-id"]
     assert problem["detail"]
     for item in problem["errors"]:
         assert set(item) == {"field", "message"}

@@ -7,6 +7,7 @@
     │   ├── MeshTooLargeError     it holds more vertices or triangles than allowed
     │   └── MeshGeometryError     it was read, but holds no usable surface
     ├── ParameterError            an argument is out of its range
+    │   └── UnsuitedError         it is in its range, but what is there does not allow it
     ├── StoreError                the library's store
     │   ├── NotFoundError         no such record
     │   ├── StoreVersionError     the store was made by another version
@@ -85,6 +86,18 @@ class ParameterError(UnbendError, ValueError):
 
     code = "parameter_invalid"
     advice = "Correct the argument named in the message."
+
+    def __init__(self, message: str, *, field: str = "") -> None:
+        super().__init__(message)
+        self.field = field
+        """Where in a request the argument came from, as body.parameters; empty where it came from none."""
+
+
+class UnsuitedError(ParameterError):
+    """An argument is in its range, but the mesh or the library at hand does not allow what is asked."""
+
+    code = "unsuited"
+    advice = "Ask it of another shape, or again when the library holds what the message says."
 
 
 class StoreError(UnbendError):

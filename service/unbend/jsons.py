@@ -40,7 +40,12 @@ class JsonObject:
         values = parse_json(text, cls.called)
         if not isinstance(values, dict):
             raise ParameterError(f"{cls.called} must be a JSON object")
-        return cls.from_dict(values)
+        return cls.from_dict({name: as_whole(value) for name, value in values.items()})
+
+
+def as_whole(value: Any) -> Any:
+    """Return a float without a fraction as an integer, anything else as it is: JSON knows one kind of number."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def parse_json(text: str, what: str) -> Any:

@@ -28,11 +28,45 @@ def test_a_route_that_is_not_there_is_not_found(http_client, path):
     check(http_client.get(path), 404, "not_found")
 
 
-@pytest.mark.parametrize(("method", "path"), [("PUT", "/v1/shapes"), ("GET", "/v1/queries"), ("POST", "/v1/jobs/x")])
-def test_a_method_that_is_not_there_is_not_allowed(http_client, method, path):
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("PUT", "/v1/shapes", "GET, POST, HEAD, OPTIONS"),
+        ("TRACE", "/v1/shapes/x", "GET, PATCH, DELETE, HEAD, OPTIONS"),
+        ("POST", "/v1/jobs/x", "GET, DELETE, HEAD, OPTIONS"),
+        ("GET", "/v1/queries", "POST, OPTIONS"),
+        ("HEAD", "/v1/queries", "POST, OPTIONS"),
+        ("PUT", "/docs", "GET, HEAD, OPTIONS"),
+        ("POST", "/docs-assets/favicon.png", "GET, HEAD, OPTIONS"),
+    ],
+)
+def test_a_method_that_is_not_there_is_not_allowed_and_those_that_are_are_told(http_client, method, path, allowed):
     response = http_client.request(method, path)
-    check(response, 405, "method_not_allowed")
-    assert response.headers["allow"]
+    if method == "HEAD":
+        assert (response.status_code, response.content) == (405, b"")
+    else:
+        assert method in check(response, 405, "method_not_allowed")["detail"]
+    assert response.headers["allow"] == allowed
+    told = http_client.options(path)
+    assert (told.status_code, told.content, told.headers["allow"]) == (204, b"", allowed)
+
+
+def test_there_are_no_methods_where_there_is_nothing(http_client):
+    check(http_client.options("/v1/nothing"), 404, "not_found")
+
+
+def test_head_is_get_without_its_body(http_client):
+    for path in ("/v1/classes", "/v1/readyz", "/docs"):
+        got, head = http_client.get(path), http_client.head(path)
+        assert (head.status_code, head.content) == (200, b"")
+        for name in ("content-type", "content-length", "content-security-policy"):
+            assert head.headers[name] == got.headers[name]
+    assert http_client.head("/v1/shapes/nobody").status_code == 404
+
+
+def test_an_address_has_one_spelling(http_client):
+    check(http_client.get("/v1/shapes/"), 404, "not_found")
+    check(http_client.post("/v1/queries/"), 404, "not_found")
 
 
 def test_a_shape_that_is_not_there_is_not_found_with_advice(http_client):
@@ -52,10 +86,23 @@ def test_a_format_not_served_is_not_acceptable(http_client):
     check(http_client.get(f"/v1/shapes/{shape['id']}/mesh", headers={"Accept": "text/html"}), 406, "not_acceptable")
 
 
+@pytest.mark.parametrize(
+    ("method", "path", "kind"),
+    [("POST", "/v1/shapes", "multipart/form-data"), ("PATCH", "/v1/shapes/x", "application/json")],
+)
+@pytest.mark.parametrize("sent", ["text/plain", "application/x-www-form-urlencoded", "application/xml", None])
+def test_a_body_of_another_type_is_unsupported(http_client, method, path, kind, sent):
+    headers = {"Content-Type": sent} if sent else {}
+    problem = check(
+        http_client.request(method, path, content=b"name=x", headers=headers), 415, "unsupported_media_type"
+    )
+    assert kind in problem["detail"]
+
+
 def test_fields_of_a_request_that_are_wrong_are_named(http_client):
     problem = check(http_client.get("/v1/shapes", params={"limit": 501}), 422, "request_invalid")
     assert [item["field"] for item in problem["errors"]] == ["query.limit"]
-    problem = check(http_client.post("/v1/shapes", data={"name": "x"}), 422, "request_invalid")
+    problem = check(http_client.post("/v1/shapes", files={"name": (None, "x")}), 422, "request_invalid")
     assert [item["field"] for item in problem["errors"]] == ["body.file"]
     problem = check(post_mesh(http_client, small_mesh(241), label="x" * 201), 422, "request_invalid")
     assert [item["field"] for item in problem["errors"]] == ["body.label"]
@@ -68,7 +115,8 @@ def test_fields_of_a_request_that_are_wrong_are_named(http_client):
     ["{", "[]", "null", '{"samples": 3}', '{"samples": "many"}', '{"colour": 1}', '{"method": "x"}', "NaN"],
 )
 def test_parameters_out_of_range_are_refused_before_a_job_is_made(http_client, parameters):
-    check(post_mesh(http_client, small_mesh(242), parameters=parameters), 422, "parameter_invalid")
+    problem = check(post_mesh(http_client, small_mesh(242), parameters=parameters), 422, "parameter_invalid")
+    assert problem["errors"] == [{"field": "body.parameters", "message": problem["detail"]}]
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
@@ -86,7 +134,9 @@ def test_parameters_out_of_range_are_refused_before_a_job_is_made(http_client, p
 def test_a_policy_out_of_range_is_refused_by_name_before_a_job_is_made(http_client, path, policy, word):
     before = http_client.get("/v1/jobs", params={"limit": 1}).json()
     response = http_client.post(path, files={"file": ("x.ply", small_mesh(242))}, data={"policy": policy})
-    assert word in check(response, 422, "parameter_invalid")["detail"]
+    problem = check(response, 422, "parameter_invalid")
+    assert word in problem["detail"]
+    assert [item["field"] for item in problem["errors"]] == ["body.policy"]
     assert http_client.get("/v1/jobs", params={"limit": 1}).json() == before
 
 
@@ -94,14 +144,17 @@ def test_a_policy_out_of_range_is_refused_by_name_before_a_job_is_made(http_clie
 def test_metadata_must_be_a_json_object(http_client, metadata):
     problem = check(post_mesh(http_client, small_mesh(242), metadata=metadata), 422, "parameter_invalid")
     assert "metadata" in problem["detail"]
+    assert [item["field"] for item in problem["errors"]] == ["body.metadata"]
 
 
 def test_deep_parameters_are_refused(http_client):
     check(post_mesh(http_client, small_mesh(242), parameters="[" * 60_000), 422, "parameter_invalid")
 
 
-def test_a_cursor_that_is_none_is_refused(http_client):
-    check(http_client.get("/v1/shapes", params={"cursor": "x"}), 422, "parameter_invalid")
+@pytest.mark.parametrize("cursor", ["x", "", "-1", "1" * 19, "\u0661"])
+def test_a_cursor_that_is_none_is_refused(http_client, cursor):
+    problem = check(http_client.get("/v1/shapes", params={"cursor": cursor}), 422, "request_invalid")
+    assert [item["field"] for item in problem["errors"]] == ["query.cursor"]
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])

@@ -197,7 +197,7 @@ def test_the_classifier_is_a_field_of_both_kinds_of_query(server, http, ids, cla
     assert by_file == expected(server, data, classifier=classifier)
     by_shape = http.post("/v1/queries", json={"shape_id": ids["ring-0"], "classifier": classifier})
     if classifier == "discriminants":  # without this one, there is a single torus left to learn from
-        assert by_shape.status_code == 422
+        assert (by_shape.status_code, by_shape.json()["code"]) == (409, "unsuited")
     else:
         assert by_shape.json()["classes"][0]["label"] == "torus"
 
@@ -209,6 +209,25 @@ def test_a_wrong_classifier_is_refused_before_anything_is_computed(http, ids):
     ):
         assert response.status_code == 422
         assert "oracle" in response.json()["detail"]
+        assert [item["field"] for item in response.json()["errors"]] == ["body.classifier"]
+
+
+def test_more_are_not_asked_for_than_can_be_compared_whole(http, ids):
+    for response in (
+        ask(http, small_mesh(7), measure="rigid", k="101"),
+        http.post("/v1/queries", json={"shape_id": ids["ring-0"], "measure": "rigid", "k": 101}),
+    ):
+        assert response.status_code == 422
+        assert [item["field"] for item in response.json()["errors"]] == ["body.k"]
+
+
+def test_a_whole_number_may_be_written_with_a_point_and_not_as_text(http, ids):
+    asked = {"shape_id": ids["ring-0"]}
+    assert http.post("/v1/queries", json=asked | {"k": 1.0}).status_code == 200
+    for k in ("1", True, 1.5):
+        assert http.post("/v1/queries", json=asked | {"k": k}).status_code == 422, k
+    shape = stored(http, small_mesh(9), parameters='{"samples": 40.0}')
+    assert shape["parameters"]["samples"] == 40
 
 
 def test_a_measure_of_whole_pairs_orders_the_nearest_anew(server, http, ids):
@@ -240,7 +259,9 @@ def test_the_evaluation_has_figures_and_confusion(server, http, ids):
 @pytest.mark.parametrize("path", ["/v1/map", "/v1/evaluation"])
 def test_overviews_refuse_what_they_cannot_compare(http, path):
     for params in ({"measure": "volume"}, {"measure": "rigid"}, {"parameters": "{"}, {"parameters": '{"samples": 1}'}):
-        assert http.get(path, params=params).status_code == 422
+        response = http.get(path, params=params)
+        assert response.status_code == 422
+        assert [item["field"] for item in response.json()["errors"]] == [f"query.{next(iter(params))}"]
     if path == "/v1/map":
         assert http.get(path, params={"dimensions": 4}).status_code == 422
 

@@ -24,6 +24,7 @@ from unbend.errors import (
     OriginError,
     RateLimitError,
     ScopeError,
+    StoreError,
 )
 from unbend.library.keys import KeyRecord, find_key, has_keys
 
@@ -72,7 +73,7 @@ class Caller:
 
 
 class Access:
-    """ASGI middleware that lets a call through or answers 401, 403 or 429.
+    """ASGI middleware that lets a call through or answers 401, 403 or 429, or 503 where keys cannot be looked up.
 
     Keys are looked up in the store for each call, so that one made or revoked counts from the next call on. A library
     without keys is open to calls from this machine, and to others only if the settings say so: revoking the last key
@@ -89,7 +90,7 @@ class Access:
         if scope["type"] == "http" and is_guarded(scope["path"]):
             try:
                 await self._admit(scope)
-            except (AccessError, RateLimitError) as error:
+            except (AccessError, RateLimitError, StoreError) as error:
                 await respond(error)(scope, receive, send)
                 return
         await self._app(scope, receive, send)

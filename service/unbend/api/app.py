@@ -18,6 +18,7 @@ from unbend.api.access import Access
 from unbend.api.audit import Audit
 from unbend.api.headers import SecurityHeaders
 from unbend.api.limits import BodyLimit, Framing
+from unbend.api.methods import Methods
 from unbend.api.metrics import Metrics
 from unbend.api.openapi import install_schema
 from unbend.api.requests import PREFIX, Requests
@@ -65,8 +66,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
                 await asyncio.to_thread(traces.close)
 
     app = FastAPIOffline(
-        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets"
-    )
+        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets",
+        redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
+    )  # fmt: skip
     for room in (shapes, jobs, queries, overview, health):
         app.include_router(room.router, prefix=PREFIX)
     app.add_api_route("/", _to_docs, include_in_schema=False)
@@ -78,6 +80,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
 def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: Traces | None) -> None:
     """Put the layers on, the innermost first: who may not call has no byte of a body read."""
+    app.add_middleware(Methods)
     app.add_middleware(BodyLimit, limits=settings.body_limits)
     app.add_middleware(Access, settings=settings)
     app.add_middleware(Framing)
@@ -85,7 +88,7 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
         app.add_middleware(
             CORSMiddleware,
             allow_origins=settings.origins,
-            allow_methods=["GET", "POST", "PATCH", "DELETE"],
+            allow_methods=["GET", "HEAD", "POST", "PATCH", "DELETE"],
             allow_headers=["Authorization", "Content-Type", "Last-Event-ID", "Prefer"],
             expose_headers=["Content-Disposition", "Location", "Retry-After", "WWW-Authenticate", "X-Request-ID"],
         )

@@ -28,6 +28,21 @@ _SHARES: Final = 10_000  # the worker reports progress to four places
 _QUEUED, _ENDED = len(STAGES), len(STAGES) + 1
 
 
+EVENT_SCHEMA: Final = {
+    "type": "object",
+    "properties": {
+        "id": {"type": "string", "pattern": "^[0-9]+$"},
+        "data": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/Job"},
+        },
+    },
+    "required": ["id", "data"],
+}
+"""How OpenAPI documents an event."""
+
+
 class EventStream(StreamingResponse):
     """A response of events."""
 

@@ -19,6 +19,19 @@ _ALWAYS: Final = {
     "X-Frame-Options": "DENY",
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
 }
+LOCATION: Final = {
+    "Location": {
+        "description": "Where the job is.",
+        "required": True,
+        "schema": {"type": "string", "format": "uri-reference"},
+    }
+}
+DISPOSITION: Final = {
+    "Content-Disposition": {"description": "The file's name.", "required": True, "schema": {"type": "string"}},
+    "Vary": {"description": "Accept chooses the format.", "required": True, "schema": {"type": "string"}},
+}
+"""How OpenAPI documents the headers of a file; and where the job is that an answer tells of."""
+
 _PAGES: Final = frozenset({"/docs", "/docs/oauth2-redirect", "/redoc"})
 # Swagger UI and ReDoc make style elements of their own as they run, ReDoc a worker too, and draw images from data.
 _PAGE_POLICY: Final = (

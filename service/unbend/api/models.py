@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from unbend.api.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
 from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.values import MAX_TEXT
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
-
-_ID = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
 
 
 class Shape(BaseModel):
     """A member of the library."""
 
-    id: str = Field(examples=[_ID])
+    id: Id
     name: str = Field(examples=["cat-03"])
     label: str | None = Field(description="The class it is known to belong to.", examples=["cat"])
     metadata: dict[str, Any] = Field(examples=[{"scanner": "A", "year": 2026}])
@@ -51,8 +51,9 @@ class ShapeChanges(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"label": "cat"}]})
 
-    name: str = Field("", min_length=1, max_length=200)
-    label: str | None = Field(None, min_length=1, max_length=200)
+    # by factories, for what is left out is not set to anything, and the document must not say so
+    name: str = Field(default_factory=str, min_length=1, max_length=MAX_TEXT)
+    label: str | None = Field(default_factory=lambda: None, min_length=1, max_length=MAX_TEXT, examples=["cat"])
     metadata: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -75,7 +76,7 @@ class ClassMatch(BaseModel):
 class ShapeMatch(BaseModel):
     """A stored shape and its distance from the query."""
 
-    id: str = Field(examples=[_ID])
+    id: Id
     name: str = Field(examples=["cat-03"])
     label: str | None = Field(examples=["cat"])
     distance: float = Field(examples=[0.041])
@@ -96,7 +97,7 @@ class Ranking(BaseModel):
 class Job(BaseModel):
     """A computation: queued, running, and then succeeded, failed or cancelled for good."""
 
-    id: str = Field(examples=[_ID])
+    id: Id
     kind: Literal["shape", "query"]
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     stage: str = Field(examples=["geodesics"])
@@ -108,7 +109,7 @@ class Job(BaseModel):
     position: int | None = Field(description="Jobs that wait before this one; null once it runs.")
     attempts: int = Field(description="How often it was begun; a lost process costs one.")
     error: JobError | None
-    shape_id: str | None = Field(description="Of a succeeded upload: the shape it became.")
+    shape_id: Id | None = Field(description="Of a succeeded upload: the shape it became.")
     result: Ranking | None = Field(description="Of a succeeded query.")
     created_at: datetime
     started_at: datetime | None
@@ -130,12 +131,12 @@ class JobList(BaseModel):
 class ShapeQuery(BaseModel):
     """A query by a shape that is stored already."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra=FEWER_PAIRS)
 
-    shape_id: str = Field(min_length=1, max_length=64, examples=[_ID])
-    measure: str = DEFAULT_MEASURE
-    classifier: str = DEFAULT_CLASSIFIER
-    k: int = Field(10, ge=1, le=1000)
+    shape_id: Annotated[Id, Field(min_length=1, max_length=64)]
+    measure: MeasureName = DEFAULT_MEASURE
+    classifier: ClassifierName = DEFAULT_CLASSIFIER
+    k: Whole = Field(10, ge=1, le=1000)
 
 
 class ClassCount(BaseModel):
@@ -154,7 +155,7 @@ class ClassList(BaseModel):
 class MapItem(BaseModel):
     """A shape and its places."""
 
-    id: str = Field(examples=[_ID])
+    id: Id
     name: str = Field(examples=["cat-03"])
     label: str | None = Field(examples=["cat"])
     point: list[float] = Field(description="By its signature.", examples=[[0.4, -0.1]])
@@ -232,7 +233,7 @@ class Distances(BaseModel):
         description="One for each vertex of the file; null where unreachable, or not on the simplified surface."
     )
     target: int | None = None
-    path: list[tuple[float, float, float]] | None = Field(
+    path: list[Annotated[list[float], Field(min_length=3, max_length=3)]] | None = Field(
         None, description="With a target: the minimal path to it, a polyline on the surface as it was read."
     )
 

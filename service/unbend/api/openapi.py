@@ -1,19 +1,36 @@
-"""The OpenAPI document, with every error as a problem document."""
+"""The OpenAPI document: what holds for every call is added here, and every error is a problem document."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from fastapi import FastAPI
 
 from unbend.api.access import is_guarded, scope_of
-from unbend.api.problems import MEDIA_TYPE, Problem, problem_responses
+from unbend.api.problems import Problem, problem_responses
+from unbend.api.requests import HEADER
 
 _KEY = {
     "type": "http",
     "scheme": "bearer",
     "description": "A key made by `unbend keys create`. None is needed while the library has none and is open.",
 }
+_REQUEST_ID = {
+    "description": "The request's own if that is sane, else a new one; the log's lines have it too.",
+    "required": True,
+    "schema": {"type": "string", "pattern": "^[A-Za-z0-9._:+/=@-]{1,128}$"},
+}
+_ID_HEADER = {HEADER: {"$ref": f"#/components/headers/{HEADER}"}}
+_STATUS_HEADERS: dict[int, dict[str, Any]] = {
+    401: {"WWW-Authenticate": {"description": "RFC 6750.", "required": True, "schema": {"type": "string"}}},
+    403: {"WWW-Authenticate": {"description": "With code `scope_insufficient`.", "schema": {"type": "string"}}},
+    429: {
+        "Retry-After": {
+            "description": "Seconds to wait.", "required": True, "schema": {"type": "integer", "minimum": 1},
+        }
+    },
+}  # fmt: skip
 
 
 def install_schema(app: FastAPI) -> None:
@@ -22,34 +39,64 @@ def install_schema(app: FastAPI) -> None:
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _with_problems(_with_keys(generate()))
+            app.openapi_schema = _completed(generate())
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def _with_keys(document: dict[str, Any]) -> dict[str, Any]:
-    document["components"]["securitySchemes"] = {"key": _KEY}
+def _completed(document: dict[str, Any]) -> dict[str, Any]:
+    components = document["components"]
+    components["securitySchemes"] = {"key": _KEY}
+    components["headers"] = {HEADER: _REQUEST_ID}
+    _add_problem(components["schemas"])
+    for path, method, operation in _operations(document):
+        if is_guarded(path):
+            _add_keys(operation, scope_of(method.upper(), path))
+        for parameter in operation.get("parameters", []):
+            _as_sent(parameter)
+        statuses = (400, 408, 413) if "requestBody" in operation else ()
+        for status, response in problem_responses(*statuses, 500, 503).items():
+            operation["responses"].setdefault(str(status), response)
+        errors = {status: None for status in operation["responses"] if int(status) >= 400}
+        components.setdefault("responses", {}).update(errors)
+        for response in operation["responses"].values():
+            response["headers"] = response.get("headers", {}) | _ID_HEADER
+        references = {status: {"$ref": f"#/components/responses/{status}"} for status in errors}
+        operation["responses"] = dict(sorted((operation["responses"] | references).items()))
+    components["responses"] = {status: _error(int(status)) for status in sorted(components["responses"])}
+    return document
+
+
+def _operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
-            if is_guarded(path):
-                scope = scope_of(method.upper(), path)
-                operation["security"] = [{"key": [scope]}, {}]  # {}: or none, where the service is open
-                for status, answer in problem_responses(401, *([403] if scope == "write" else []), 429).items():
-                    operation["responses"].setdefault(str(status), answer)
-    return document
+            yield path, method, operation
 
 
-def _with_problems(document: dict[str, Any]) -> dict[str, Any]:
-    schemas = document["components"]["schemas"]
+def _add_problem(schemas: dict[str, Any]) -> None:
     for name in ("HTTPValidationError", "ValidationError"):
         schemas.pop(name, None)
-    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    problem = Problem.model_json_schema(mode="serialization", ref_template="#/components/schemas/{model}")
     schemas.update(problem.pop("$defs"))
     schemas["Problem"] = problem
-    for path in document["paths"].values():
-        for operation in path.values():
-            for status, response in operation["responses"].items():
-                if int(status) >= 400:
-                    response["content"] = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return document
+
+
+def _add_keys(operation: dict[str, Any], scope: str) -> None:
+    operation["security"] = [{"key": [scope]}, {}]  # {}: or none, where the service is open
+    for status, response in problem_responses(401, *([403] if scope == "write" else []), 429).items():
+        operation["responses"].setdefault(str(status), response)
+
+
+def _as_sent(parameter: dict[str, Any]) -> None:
+    """Describe a parameter as it is in a request: there is no null, and an object is JSON text."""
+    schema = parameter["schema"]
+    if len(types := [each for each in schema.get("anyOf", []) if each != {"type": "null"}]) == 1:
+        del schema["anyOf"]
+        parameter["schema"] = {**types[0], **schema}
+    if parameter["in"] == "query" and schema.get("type") == "object":
+        parameter["content"] = {"application/json": {"schema": parameter.pop("schema")}}
+
+
+def _error(status: int) -> dict[str, Any]:
+    return problem_responses(status)[status] | {"headers": _STATUS_HEADERS.get(status, {}) | _ID_HEADER}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -24,6 +26,7 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.MeshFormatError: 415,
     errors.MeshError: 422,
     errors.ParameterError: 422,
+    errors.UnsuitedError: 409,
     errors.NotFoundError: 404,
     errors.AccessError: 403,
     errors.KeyRequiredError: 401,
@@ -67,8 +70,18 @@ class Problem(BaseModel):
     detail: str = Field(examples=["no shape 0123456789abcdef"])
     code: str = Field(description="A stable name for programs.", examples=["not_found"])
     advice: str = Field("", description="What the caller can do.")
-    errors: list[FieldProblem] = Field(default_factory=list, description="With code `request_invalid`: the fields.")
+    errors: list[FieldProblem] = Field(default_factory=list, description="The fields that are not as they should be.")
 
+
+class MediaTypeError(HTTPException):
+    """The 415 of a request whose body is of another kind than the call takes."""
+
+    def __init__(self, *taken: str) -> None:
+        super().__init__(415, f"send {' or '.join(taken)}")
+
+
+_ROUTING: Final = {404: "there is nothing at this address", 405: "what is at this address does not take {method}"}
+"""In place of the phrase that is all that the router says."""
 
 _TITLES: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
 """Of statuses that Python's versions name differently."""
@@ -78,6 +91,16 @@ def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the OpenAPI entries of error answers with these statuses."""
     schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
     return {status: {"description": _title(status), "content": {MEDIA_TYPE: schema}} for status in statuses}
+
+
+@contextmanager
+def pointing_at(field: str) -> Iterator[None]:
+    """Have a ParameterError raised in this block name the field of the request that it is about."""
+    try:
+        yield
+    except errors.ParameterError as error:
+        error.field = field
+        raise
 
 
 def status_of(error: errors.UnbendError) -> int:
@@ -105,7 +128,13 @@ def respond(error: errors.UnbendError) -> JSONResponse:
 def of_error(error: errors.UnbendError) -> Problem:
     """Return the problem that an error of our tree is."""
     status = status_of(error)
-    return Problem(title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice)
+    if status >= 500:
+        logger.error("a request failed: %s", error, exc_info=error)
+    named = isinstance(error, errors.ParameterError) and error.field
+    fields = [FieldProblem(field=named, message=str(error))] if named else []
+    return Problem(
+        title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice, errors=fields
+    )
 
 
 def headers_of(error: errors.UnbendError) -> dict[str, str] | None:
@@ -141,16 +170,20 @@ async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
     return answer(Problem(title=_title(422), status=422, detail=detail, code="request_invalid", errors=fields))
 
 
-async def _on_http(_request: Request, error: Exception) -> JSONResponse:
+async def _on_http(request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, HTTPException):
         raise error
-    problem = getattr(error, "problem", None) or of_status(error.status_code, str(error.detail))
+    title, status = _title(error.status_code), error.status_code
+    detail = _ROUTING.get(status, "{}") if error.detail == title else "{}"
+    problem = getattr(error, "problem", None) or of_status(status, detail.format(error.detail, method=request.method))
     return answer(problem, dict(error.headers or {}))
 
 
 async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
     logger.error("a request failed with an unexpected error", exc_info=error)
-    problem = Problem(title=_title(500), status=500, detail="The service failed; its log says why.", code="error")
+    problem = Problem(
+        title=_title(500), status=500, detail="The service failed; its log says why.", code=errors.UnbendError.code
+    )
     # sent from outside the middleware that adds them elsewhere
     return answer(problem, headers_for(request.url.path) | {HEADER: CURRENT_REQUEST.get() or ""})
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from starlette.datastructures import UploadFile
 
+from unbend.api.problems import pointing_at
 from unbend.jobs import Upload
 from unbend.jsons import parse_json
 from unbend.library.values import MAX_TEXT, check_metadata
@@ -25,8 +26,10 @@ async def read_upload(file: UploadFile, parameters: str | None, policy: str | No
     ParameterError
         If the parameters or the policy are not JSON or out of range.
     """
-    chosen = Parameters.from_json(parameters) if parameters else Parameters()
-    reading = MeshPolicy.from_json(policy) if policy else MeshPolicy()
+    with pointing_at("body.parameters"):
+        chosen = Parameters.from_json(parameters) if parameters else Parameters()
+    with pointing_at("body.policy"):
+        reading = MeshPolicy.from_json(policy) if policy else MeshPolicy()
     data = await file.read()
     hint = PurePosixPath(file.filename or "").suffix.lower().lstrip(".")
     file_type = detect_format(data, hint)
@@ -35,8 +38,9 @@ async def read_upload(file: UploadFile, parameters: str | None, policy: str | No
 
 def parse_metadata(text: str | None) -> dict[str, Any]:
     """Return the `metadata` field as an object; ParameterError if it is not one."""
-    value = parse_json(text, "metadata") if text else {}
-    check_metadata(value)
+    with pointing_at("body.metadata"):
+        value = parse_json(text, "metadata") if text else {}
+        check_metadata(value)
     return dict(value)
 
 

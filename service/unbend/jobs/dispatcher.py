@@ -10,9 +10,8 @@ from functools import partial
 from typing import Final, TypeVar
 
 from sqlalchemy import Connection
-from sqlalchemy.exc import SQLAlchemyError
 
-from unbend.errors import WorkerLostError
+from unbend.errors import NotFoundError, StoreError, WorkerLostError
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.news import News
@@ -119,7 +118,7 @@ class Dispatcher:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_LOOK_SECONDS):
                     await self._wake.wait()
-            with contextlib.suppress(SQLAlchemyError):  # then it is no time to begin one
+            with contextlib.suppress(StoreError):  # then it is no time to begin one
                 if await self._library.store.fetch(queue.count_queued):
                     return
 
@@ -174,7 +173,9 @@ class Dispatcher:
         while True:
             try:
                 return await asyncio.wrap_future(self._writer.submit(change))
-            except SQLAlchemyError:
+            except StoreError as error:
+                if isinstance(error, NotFoundError):
+                    raise
                 logger.exception("the store cannot be written; trying again")
                 await asyncio.sleep(_RETRY_SECONDS)
 

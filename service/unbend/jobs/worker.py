@@ -107,7 +107,7 @@ def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | 
 
     Raises
     ------
-    ParameterError
+    UnsuitedError
         If `source` or `target` is not a vertex of the file, vanished when it was simplified, or no path joins them.
     """
     surface = _read(mesh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -14,7 +15,7 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError, DatabaseError
+from sqlalchemy.exc import ArgumentError, DatabaseError, IntegrityError, TimeoutError  # noqa: A004
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
 from unbend.library.erasing import LogEraser, take_mark
@@ -62,14 +63,20 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
-        """Yield a connection that sees one unchanging state."""
-        with self._reading.connect() as connection:
+        """Yield a connection that sees one unchanging state; StoreError where the database cannot give it."""
+        with failing_as_store(), self._reading.connect() as connection:
             yield connection
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
-        """Yield a connection whose changes are kept together, on disk, when the block ends without an error."""
-        with self._turn, self._engine.begin() as connection:
+        """Yield a connection whose changes are kept together, on disk, when the block ends without an error.
+
+        Raises
+        ------
+        StoreError
+            If the database cannot keep them.
+        """
+        with self._turn, failing_as_store(), self._engine.begin() as connection:
             take_mark(connection)  # of a transaction that was undone
             yield connection
             erased = take_mark(connection)
@@ -92,7 +99,8 @@ class Store:
             return await asyncio.to_thread(self._look, look)
         if question is None:
             return self._look(look)
-        return self._memory.recall(question, lambda: self._look(look))
+        with failing_as_store():
+            return self._memory.recall(question, lambda: self._look(look))
 
     def _look(self, look: Callable[[Connection], T]) -> T:
         with self.read() as connection:
@@ -148,6 +156,17 @@ def must_be_there(url: str) -> None:
 def revisions() -> frozenset[str]:
     """Return the revisions of the schema that this version knows."""
     return frozenset(script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions())
+
+
+@contextmanager
+def failing_as_store() -> Iterator[None]:
+    """Turn what a database reports into StoreError, which says no more: the cause has paths and statements."""
+    try:
+        yield
+    except (IntegrityError, sqlite3.IntegrityError):  # not the database's fault but ours
+        raise
+    except (DatabaseError, TimeoutError, sqlite3.Error) as error:
+        raise StoreError("the library's store cannot be used") from error
 
 
 def _create_engine(url: str) -> Engine:

@@ -229,8 +229,8 @@ class Library:
         NotFoundError
             If there is no such shape.
         ParameterError
-            If there is no such measure or classifier, the classifier needs more labels, `k` is below 1, or above
-            `MOST_PAIRS` where whole shapes are compared.
+            If there is no such measure or classifier, `k` is below 1, or above `MOST_PAIRS` where whole shapes are
+            compared; UnsuitedError if the classifier needs more labels.
         """
         return rank(self.store, self._index, query, Question.of(measure, classifier, k))
 
@@ -258,7 +258,7 @@ class Library:
         Raises
         ------
         ParameterError
-            If no class has two members, or there is no such measure, or it does not compare vectors.
+            If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
         """
         chosen = get_vector_measure(measure)
         with self.store.read() as connection:

@@ -81,7 +81,7 @@ def rank(store: Store, index: VectorIndex, query: Signature | str, asked: Questi
     ------
     NotFoundError
         If there is no such shape.
-    ParameterError
+    UnsuitedError
         If the classifier needs more labels.
     """
     key, seq = _compared_with(store, query, asked.measure)

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 from sqlalchemy import Connection
 
-from unbend.library.engine import Store
+from unbend.library.engine import Store, failing_as_store
 
 T = TypeVar("T")
 
@@ -74,7 +74,7 @@ class Writer:
 
 def _attempt(change: Change, connection: Connection) -> tuple[Any, Exception | None]:
     try:
-        with connection.begin_nested():
+        with failing_as_store(), connection.begin_nested():
             return change(connection), None
     except Exception as error:  # noqa: BLE001  it is that change's alone
         return None, error

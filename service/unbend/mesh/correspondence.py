@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.arrays import Floats
-from unbend.errors import ParameterError
+from unbend.errors import UnsuitedError
 from unbend.mesh.surface import Surface
 
 
@@ -14,15 +14,15 @@ def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
 
     Raises
     ------
-    ParameterError
+    UnsuitedError
         If the mesh had no such vertex, or it vanished when the mesh was simplified; `what` names it in the message.
     """
     count = len(surface.vertices if surface.vertex_map is None else surface.vertex_map)
     if not 0 <= vertex < count:
-        raise ParameterError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}")
+        raise UnsuitedError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}")
     place = vertex if surface.vertex_map is None else int(surface.vertex_map[vertex])
     if place < 0:
-        raise ParameterError(f"{what}: vertex {vertex} vanished when the mesh was simplified")
+        raise UnsuitedError(f"{what}: vertex {vertex} vanished when the mesh was simplified")
     return place
 
 

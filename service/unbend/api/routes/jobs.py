@@ -7,7 +7,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
-from unbend.api.events import HEADERS, EventStream, event_id, events, parse_id
+from unbend.api.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
+from unbend.api.fields import JobId
+from unbend.api.links import job_links, shape_links
 from unbend.api.models import Job, JobList
 from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
@@ -18,7 +20,7 @@ router = APIRouter(prefix="/jobs", tags=["jobs"])
 MAX_WAIT_SECONDS = 60.0
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses={200: {"links": job_links("$response.body#/items/0/id")}, **problem_responses(422)})
 async def list_jobs(
     service: ServiceDependency,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
@@ -29,10 +31,12 @@ async def list_jobs(
     return JobList(items=list(await asyncio.gather(*(_with_position(service, record) for record in records))))
 
 
-@router.get("/{job_id}", responses=problem_responses(404, 422, 503))
+@router.get(
+    "/{job_id}", responses={200: {"links": shape_links("$response.body#/shape_id")}, **problem_responses(404, 422)}
+)
 async def get_job(
     service: ServiceDependency,
-    job_id: str,
+    job_id: JobId,
     wait: Annotated[
         float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Answer when the job has ended, or after these seconds.")
     ] = 0.0,
@@ -51,7 +55,7 @@ async def get_job(
     responses={
         200: {
             "description": "Server-Sent Events: `id` where the job stands, `data` the job as one line of JSON.",
-            "content": {EventStream.media_type: {"schema": {"type": "string"}}},
+            "content": {EventStream.media_type: {"schema": EVENT_SCHEMA}},
         },
         204: {"description": "The job has ended, and `Last-Event-ID` says that this is known: do not come back."},
         **problem_responses(404, 422, 503),
@@ -59,7 +63,7 @@ async def get_job(
 )
 async def follow_job(
     service: ServiceDependency,
-    job_id: str,
+    job_id: JobId,
     last_event_id: Annotated[
         str | None, Header(description="The `id` of the event that came last: it is not sent again.")
     ] = None,
@@ -77,8 +81,11 @@ async def follow_job(
     return EventStream(service.waits.stream(followed), headers=HEADERS)
 
 
-@router.delete("/{job_id}", responses=problem_responses(404, 422))
-async def cancel_job(service: ServiceDependency, job_id: str) -> Job:
+@router.delete(
+    "/{job_id}",
+    responses={200: {"links": job_links("$response.body#/id", "cancel_job")}, **problem_responses(404, 422)},
+)
+async def cancel_job(service: ServiceDependency, job_id: JobId) -> Job:
     """Cancel a job. One that runs is stopped; one that has ended stays as it is."""
     return await _with_position(service, await service.runner.cancel(job_id))
 

@@ -6,30 +6,35 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
+from unbend.api.fields import ParametersText, VectorMeasureName
+from unbend.api.links import members_of_class, shape_links
 from unbend.api.models import ClassCount, ClassList, EvaluationResult, ShapeMap
-from unbend.api.problems import problem_responses
+from unbend.api.problems import pointing_at, problem_responses
 from unbend.api.service import ServiceDependency
 from unbend.jobs.worker import library_evaluation, library_map
 from unbend.library.overview import MAP_LIMIT
-from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(tags=["library"])
 
-MeasureQuery = Annotated[str, Query(description="How signatures are compared.")]
-ParametersQuery = Annotated[
-    str | None,
-    Query(description="A JSON object; shapes stored with others take no part.", examples=['{"samples": 300}']),
-]
+MeasureQuery = Annotated[VectorMeasureName, Query(description="How signatures are compared.")]
+ParametersQuery = Annotated[ParametersText, Query(description="A JSON object; shapes stored with others take no part.")]
 
 
-@router.get("/classes")
+@router.get("/classes", responses={200: {"links": members_of_class()}})
 def list_classes(service: ServiceDependency) -> ClassList:
     """List the classes and how many shapes each has."""
     return ClassList(items=[ClassCount(label=label, count=count) for label, count in service.library.labels().items()])
 
 
-@router.get("/map", responses=problem_responses(422))
+@router.get(
+    "/map",
+    responses={
+        200: {"links": shape_links("$response.body#/items/0/id")},
+        **problem_responses(422, 429, 504, 507),
+    },
+)
 async def get_map(
     service: ServiceDependency,
     measure: MeasureQuery = DEFAULT_MEASURE,
@@ -40,16 +45,26 @@ async def get_map(
     ] = MAP_LIMIT,
 ) -> ShapeMap:
     """Place the stored shapes so that those alike are near each other: by their signatures, and as they stand."""
-    chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = await service.runner.call(library_map, service.library.store.url, measure, chosen, dimensions, limit)
+    chosen, wanted = _measure(measure), _parameters(parameters)
+    found = await service.runner.call(library_map, service.library.store.url, chosen, wanted, dimensions, limit)
     return ShapeMap.model_validate(found)
 
 
-@router.get("/evaluation", responses=problem_responses(422))
+@router.get("/evaluation", responses=problem_responses(409, 422, 429, 504, 507))
 async def get_evaluation(
     service: ServiceDependency, measure: MeasureQuery = DEFAULT_MEASURE, parameters: ParametersQuery = None
 ) -> EvaluationResult:
     """Ask every labelled shape of all others, and say how often and how early they find their class."""
-    chosen = None if parameters is None else Parameters.from_json(parameters)
-    found = await service.runner.call(library_evaluation, service.library.store.url, measure, chosen)
+    chosen, wanted = _measure(measure), _parameters(parameters)
+    found = await service.runner.call(library_evaluation, service.library.store.url, chosen, wanted)
     return EvaluationResult.model_validate({"measure": measure, **found})
+
+
+def _measure(name: str) -> str:
+    with pointing_at("query.measure"):
+        return get_vector_measure(name).name
+
+
+def _parameters(text: str | None) -> Parameters | None:
+    with pointing_at("query.parameters"):
+        return None if text is None else Parameters.from_json(text)

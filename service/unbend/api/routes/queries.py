@@ -11,14 +11,25 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData, UploadFile
-from starlette.exceptions import HTTPException
 
+from unbend.api.fields import (
+    FEWER_PAIRS,
+    FILE,
+    FILE_ENCODING,
+    ClassifierName,
+    MeasureName,
+    ParametersText,
+    PolicyText,
+)
+from unbend.api.headers import LOCATION
+from unbend.api.links import job_links, shape_links
 from unbend.api.models import Job, Ranking, ShapeQuery
-from unbend.api.problems import problem_responses
+from unbend.api.problems import MediaTypeError, pointing_at, problem_responses
 from unbend.api.routes.jobs import MAX_WAIT_SECONDS
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import read_upload
 from unbend.errors import BusyError
+from unbend.library.ranking import Question
 from unbend.library.records import JobRecord
 from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import DEFAULT_MEASURE, get_measure
@@ -31,13 +42,15 @@ M = TypeVar("M", bound=BaseModel)
 class FileQuery(BaseModel):
     """The fields beside the file of a query."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", json_schema_extra=FEWER_PAIRS)
 
-    measure: str = DEFAULT_MEASURE
-    classifier: str = Field(DEFAULT_CLASSIFIER, description="How distances from shapes become those from classes.")
+    measure: MeasureName = DEFAULT_MEASURE
+    classifier: ClassifierName = Field(
+        DEFAULT_CLASSIFIER, description="How distances from shapes become those from classes."
+    )
     k: int = Field(10, ge=1, le=1000, description="Shapes in the answer; all classes are.")
-    parameters: str | None = Field(None, description="A JSON object; shapes stored with others are not compared.")
-    policy: str | None = Field(None, description="A JSON object: how to read the file.")
+    parameters: ParametersText = None
+    policy: PolicyText = None
 
 
 _FILE_SCHEMA = FileQuery.model_json_schema()
@@ -47,10 +60,8 @@ _BODY = {
         "content": {
             "multipart/form-data": {
                 "schema": _FILE_SCHEMA
-                | {
-                    "properties": _FILE_SCHEMA["properties"] | {"file": {"type": "string", "format": "binary"}},
-                    "required": ["file"],
-                }
+                | {"properties": _FILE_SCHEMA["properties"] | {"file": FILE}, "required": ["file"]},
+                "encoding": FILE_ENCODING,
             },
             "application/json": {"schema": ShapeQuery.model_json_schema()},
         },
@@ -62,8 +73,14 @@ _BODY = {
     "",
     response_model=Ranking,
     responses={
-        202: {"model": Job, "description": "The job that computes the answer; its `result` will be it."},
-        **problem_responses(400, 404, 408, 413, 415, 422, 429, 503),
+        200: {"links": shape_links("$response.body#/shapes/0/id")},
+        202: {
+            "model": Job,
+            "description": "The job that computes the answer; its `result` will be it.",
+            "headers": LOCATION,
+            "links": job_links("$response.body#/id"),
+        },
+        **problem_responses(404, 409, 415, 422, 429),
     },
     openapi_extra=_BODY,
 )
@@ -83,10 +100,11 @@ async def query(
     if kind == "multipart/form-data":
         async with request.form(max_files=1, max_fields=10) as form:
             return await _by_file(service, form, _wait_seconds(prefer))
-    raise HTTPException(415, "send multipart/form-data with a file, or application/json with a shape_id")
+    raise MediaTypeError("multipart/form-data with a file", "application/json with a shape_id")
 
 
 async def _by_shape(service: Service, asked: ShapeQuery) -> Response:
+    _check(asked)
     ranking = await asyncio.to_thread(
         service.library.rank, asked.shape_id, measure=asked.measure, classifier=asked.classifier, k=asked.k
     )
@@ -98,8 +116,7 @@ async def _by_file(service: Service, form: FormData, wait: float) -> Response:
     if not isinstance(file, UploadFile):
         raise _invalid(("body", "file"), "a file is required")
     asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
-    get_measure(asked.measure)
-    get_classifier(asked.classifier)
+    _check(asked)
     upload = await read_upload(file, asked.parameters, asked.policy)
     answer = await service.runner.submit(
         "query", upload, {"measure": asked.measure, "classifier": asked.classifier, "k": asked.k}
@@ -122,6 +139,16 @@ async def _waited(service: Service, job: JobRecord, seconds: float) -> JobRecord
             return await service.runner.wait(job.id, seconds)
     except BusyError:
         return job
+
+
+def _check(asked: ShapeQuery | FileQuery) -> None:
+    """Refuse what the library would, by the name of the field, and before a job is made."""
+    with pointing_at("body.measure"):
+        get_measure(asked.measure)
+    with pointing_at("body.classifier"):
+        get_classifier(asked.classifier)
+    with pointing_at("body.k"):
+        Question.of(asked.measure, asked.classifier, asked.k)
 
 
 def _wait_seconds(prefer: str | None) -> float:

@@ -6,11 +6,15 @@ import asyncio
 from functools import partial
 from typing import Annotated, Any, get_args
 
-from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
+from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import JSONResponse
+from pydantic import WithJsonSchema
 
+from unbend.api.fields import FILE, FILE_ENCODING, MetadataText, ParametersText, PolicyText, ShapeId
+from unbend.api.headers import DISPOSITION, LOCATION
+from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
-from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response
+from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response, sends
 from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import name_of, parse_metadata, read_upload
@@ -18,16 +22,22 @@ from unbend.geodesics.distances import Update
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library import shapes as rows
 from unbend.library.records import ShapeRecord
+from unbend.library.values import MAX_TEXT
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.export import export_signature
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
 
-_FILE_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"description": "The file.", "content": {media_type: {} for media_type in MEDIA_TYPES.values()}},
-    **problem_responses(404, 406, 422),
-}
+
+def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
+    described: dict[str, Any] = {
+        "description": "The file.",
+        "content": {MEDIA_TYPES[name]: {"schema": {"type": "string", "format": "binary"}} for name in formats},
+        "headers": DISPOSITION,
+    }
+    described["content"]["application/json"] = {"schema": {"type": "object"}}
+    return {200: described, **problem_responses(404, 406, 422, 504, 507)}
 
 
 @router.post(
@@ -35,20 +45,23 @@ _FILE_RESPONSES: dict[int | str, dict[str, Any]] = {
     status_code=202,
     response_model=Job,
     responses={
-        200: {"model": Shape, "description": "Stored already."},
-        **problem_responses(408, 413, 415, 422, 429, 503),
+        200: {"model": Shape, "description": "Stored already.", "links": shape_links("$response.body#/id")},
+        202: {"headers": LOCATION, "links": job_links("$response.body#/id")},
+        **problem_responses(415, 422, 429),
     },
+    openapi_extra={"requestBody": {"content": {"multipart/form-data": {"encoding": FILE_ENCODING}}}},
+    dependencies=[Depends(sends("multipart/form-data"))],
 )
 async def upload_shape(
     service: ServiceDependency,
-    file: Annotated[UploadFile, File(description="An off, obj, ply, stl or glb file.")],
-    name: Annotated[str | None, Form(max_length=200, description="The file's own by default.")] = None,
-    label: Annotated[str | None, Form(max_length=200, description="The class it is known to belong to.")] = None,
-    metadata: Annotated[str | None, Form(description="A JSON object.", examples=['{"scanner": "A"}'])] = None,
-    parameters: Annotated[str | None, Form(description="A JSON object.", examples=['{"samples": 300}'])] = None,
-    policy: Annotated[
-        str | None, Form(description="A JSON object: how to read it.", examples=['{"components": "bridge"}'])
-    ] = None,
+    file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
+    name: Annotated[str, Form(max_length=MAX_TEXT, description="The file's own by default.")] = "",
+    label: Annotated[
+        str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.", examples=["cat"])
+    ] = "",
+    metadata: Annotated[MetadataText, Form()] = None,
+    parameters: Annotated[ParametersText, Form()] = None,
+    policy: Annotated[PolicyText, Form()] = None,
 ) -> Response:
     """Store a mesh and have its signature computed.
 
@@ -64,11 +77,19 @@ async def upload_shape(
     return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
 
 
-@router.get("", responses=problem_responses(422))
+@router.get(
+    "",
+    responses={
+        200: {"links": shape_links("$response.body#/items/0/id") | next_page("list_shapes")},
+        **problem_responses(422),
+    },
+)
 def list_shapes(
     service: ServiceDependency,
     label: Annotated[str | None, Query(description="Only shapes of this class.")] = None,
-    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
+    cursor: Annotated[
+        str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
+    ] = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> ShapePage:
     """List shapes in the order they were added."""
@@ -76,30 +97,37 @@ def list_shapes(
     return ShapePage(items=[Shape.of(record) for record in page.items], next_cursor=page.next_cursor)
 
 
-@router.get("/{shape_id}", responses=problem_responses(404, 422))
-async def get_shape(service: ServiceDependency, shape_id: str) -> Shape:
+@router.get(
+    "/{shape_id}",
+    responses={200: {"links": shape_links("$response.body#/id", "get_shape")}, **problem_responses(404, 422)},
+)
+async def get_shape(service: ServiceDependency, shape_id: ShapeId) -> Shape:
     """Return a shape's record."""
     look = partial(rows.get_shape, shape_id=shape_id)
     return Shape.of(await service.library.store.fetch(look, ("shape", shape_id)))
 
 
-@router.patch("/{shape_id}", responses=problem_responses(404, 422))
-def change_shape(service: ServiceDependency, shape_id: str, changes: ShapeChanges) -> Shape:
+@router.patch(
+    "/{shape_id}",
+    responses={200: {"links": shape_links("$response.body#/id", "change_shape")}, **problem_responses(404, 415, 422)},
+    dependencies=[Depends(sends("application/json"))],
+)
+def change_shape(service: ServiceDependency, shape_id: ShapeId, changes: ShapeChanges) -> Shape:
     """Change a shape's name, label or metadata."""
     return Shape.of(service.library.change(shape_id, changes.model_dump(exclude_unset=True)))
 
 
 @router.delete("/{shape_id}", status_code=204, responses=problem_responses(404, 422))
-def remove_shape(service: ServiceDependency, shape_id: str) -> None:
+def remove_shape(service: ServiceDependency, shape_id: ShapeId) -> None:
     """Remove a shape: its record, signature, descriptors and file."""
     service.library.remove(shape_id)
 
 
-@router.get("/{shape_id}/mesh", response_class=Response, responses=_FILE_RESPONSES)
+@router.get("/{shape_id}/mesh", response_class=Response, responses=_file_responses(*MEDIA_TYPES))
 async def get_mesh(
     service: ServiceDependency,
     request: Request,
-    shape_id: str,
+    shape_id: ShapeId,
     format: Format | None = None,  # noqa: A002
 ) -> Response:
     """Download the mesh: byte for byte as it was uploaded, or as it was read, converted to `format`."""
@@ -112,11 +140,11 @@ async def get_mesh(
     return file_response(data, wanted, record.name)
 
 
-@router.get("/{shape_id}/signature", response_class=Response, responses=_FILE_RESPONSES)
+@router.get("/{shape_id}/signature", response_class=Response, responses=_file_responses(*get_args(Format)))
 async def get_signature(
     service: ServiceDependency,
     request: Request,
-    shape_id: str,
+    shape_id: ShapeId,
     format: Format | None = None,  # noqa: A002
     whole: Annotated[bool, Query(description="Place every vertex, not only the samples.")] = False,
 ) -> Response:
@@ -131,11 +159,11 @@ async def get_signature(
     return file_response(data, wanted, f"{record.name}-{'form' if whole else 'signature'}")
 
 
-@router.get("/{shape_id}/flattening", response_class=Response, responses=_FILE_RESPONSES)
+@router.get("/{shape_id}/flattening", response_class=Response, responses=_file_responses(*get_args(TextureFormat)))
 async def get_flattening(
     service: ServiceDependency,
     request: Request,
-    shape_id: str,
+    shape_id: ShapeId,
     format: TextureFormat | None = None,  # noqa: A002
 ) -> Response:
     """Download the mesh with texture coordinates: its canonical form in the plane, as obj (the default) or glb."""
@@ -147,16 +175,16 @@ async def get_flattening(
 
 
 @router.get("/{shape_id}/descriptors", responses=problem_responses(404, 422))
-def get_descriptors(service: ServiceDependency, shape_id: str) -> Descriptors:
+def get_descriptors(service: ServiceDependency, shape_id: ShapeId) -> Descriptors:
     """Return the vectors that the measures compare."""
     signature = service.library.signature(shape_id)
     return Descriptors(descriptors={name: vector.tolist() for name, vector in signature.descriptors.items()})
 
 
-@router.get("/{shape_id}/geodesics", responses=problem_responses(404, 422))
+@router.get("/{shape_id}/geodesics", responses=problem_responses(404, 409, 422, 504, 507))
 async def get_geodesics(
     service: ServiceDependency,
-    shape_id: str,
+    shape_id: ShapeId,
     source: Annotated[int, Query(ge=0, le=2**31 - 1, description="A vertex of the file, counted from 0.")],
     target: Annotated[int | None, Query(ge=0, le=2**31 - 1, description="A vertex to find the path to.")] = None,
     update: Annotated[Update, Query(description="How fast marching crosses a triangle.")] = "spherical",

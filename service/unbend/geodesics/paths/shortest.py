@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from unbend.arrays import Floats, Ints
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, UnsuitedError
 from unbend.geodesics.distances import check_vertices, geodesic_distances
 from unbend.geodesics.paths.search import crossings, refine, search_shortest, straighten_walk
 from unbend.geodesics.paths.strips import StripMesh, Work, path_arrays, strip_mesh, work_arrays
@@ -41,7 +41,7 @@ def geodesic_path(surface: Surface, source: int, target: int) -> Floats:
     Raises
     ------
     ParameterError
-        If `source` or `target` is not a vertex, or no path joins them.
+        If `source` or `target` is not a vertex; UnsuitedError if no path joins them.
     """
     ends = np.array([_one_vertex(surface, source, "source"), _one_vertex(surface, target, "target")], np.int64)
     if ends[0] == ends[1]:
@@ -49,7 +49,7 @@ def geodesic_path(surface: Surface, source: int, target: int) -> Floats:
     fields = np.array(geodesic_distances(surface, ends), np.float64)
     reached = min(fields[0, ends[1]], fields[1, ends[0]])
     if not np.isfinite(reached):
-        raise ParameterError(f"target: no path leads from vertex {source} to vertex {target}, on another component")
+        raise UnsuitedError(f"target: no path leads from vertex {source} to vertex {target}, on another component")
     mesh = strip_mesh(surface)
     room = path_arrays(mesh), path_arrays(mesh), path_arrays(mesh), work_arrays(mesh)
     there = _polyline(surface, mesh, room[3], search_shortest(mesh, fields[1], ends[1], ends[0], *room))

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Ints
-from unbend.errors import ParameterError
+from unbend.errors import UnsuitedError
 from unbend.matching.classification.classifier import Classifier, Judgement
 from unbend.matching.classification.learned import once_a_gallery
 from unbend.matching.classification.means import ClassMeans, class_means, labelled_blocks
@@ -73,7 +73,7 @@ def _judge(query: Query) -> Judgement:
 def _check_labels(counts: Ints) -> None:
     classes, members = np.count_nonzero(counts), counts.sum()
     if classes < 2 or members < MEMBERS * classes:
-        raise ParameterError(
+        raise UnsuitedError(
             f"discriminants are learned from at least 2 classes and {MEMBERS} labelled shapes of each on average;"
             f" there are {classes} classes and {members} labelled shapes besides the query"
         )

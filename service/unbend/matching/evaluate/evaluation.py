@@ -9,7 +9,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from unbend.arrays import Codes, Floats, Indices, Singles, frozen
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, UnsuitedError
 from unbend.matching.evaluate.curves import PrecisionRecall
 from unbend.matching.evaluate.figures import RetrievalFigures
 from unbend.matching.evaluate.scores import Scores, score
@@ -124,8 +124,8 @@ def evaluate(
     Raises
     ------
     ParameterError
-        If sizes do not fit, a distance is NaN, there is no query or no gallery, or, with `own`, if no class has
-        two members, for then there is nothing to retrieve.
+        If sizes do not fit, a distance is NaN, there is no query or no gallery; UnsuitedError, with `own`, if no
+        class has two members, for then there is nothing to retrieve.
 
     References
     ----------
@@ -166,8 +166,8 @@ def leave_one_out(distances: Floats | Singles, labels: Sequence[str]) -> Retriev
     Raises
     ------
     ParameterError
-        If no class has two members, for then there is nothing to retrieve; or if sizes do not fit, or a distance
-        is NaN.
+        If sizes do not fit, or a distance is NaN; UnsuitedError if no class has two members, for then there is
+        nothing to retrieve.
     """
     evaluation = evaluate(distances, labels, labels, own=np.arange(len(labels)))
     return cast("RetrievalFigures", evaluation.figures)  # there are some, or `evaluate` had refused
@@ -215,7 +215,7 @@ def _check_own(own: Indices, queries: Codes, gallery: Codes) -> None:
     if (gallery[own] != queries).any():
         raise ParameterError(f"query {np.flatnonzero(gallery[own] != queries)[0]} is of another class in the gallery")
     if not (np.bincount(gallery)[queries] > 1).any():
-        raise ParameterError("no class has two members: there is nothing to retrieve")
+        raise UnsuitedError("no class has two members: there is nothing to retrieve")
 
 
 def _figures_as_dict(figures: RetrievalFigures | None) -> dict[str, float | None]:

@@ -1,0 +1,100 @@
+"""What goes wrong within is told as a problem of the one shape, and without a word of what is within."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from problem import check
+from server import Server, post_mesh, small_mesh
+from unbend import UnbendError
+from unbend.api.problems import MEDIA_TYPE, status_of
+
+STATUSES = {
+    "access": 403, "error": 500, "exposed": 403, "job_cancelled": 409, "job_failed": 500, "job_memory": 507,
+    "job_timeout": 504, "key_invalid": 401, "key_required": 401, "mesh_format": 415, "mesh_geometry": 422,
+    "mesh_invalid": 422, "mesh_read": 422, "not_found": 404, "origin_refused": 403, "parameter_invalid": 422,
+    "queue_full": 429, "rate_limited": 429, "scope_insufficient": 403, "service": 500, "store": 503,
+    "store_version": 503, "unsuited": 409, "upload_too_large": 413, "worker_lost": 500,
+}  # fmt: skip
+"""Of every error of the package, by its code: programs go by these."""
+
+
+def every_error(kind: type[UnbendError] = UnbendError) -> Iterator[type[UnbendError]]:
+    yield kind
+    for child in kind.__subclasses__():
+        yield from every_error(child)
+
+
+def test_every_error_has_its_status():
+    assert {kind.code: status_of(kind("what happened")) for kind in every_error()} == STATUSES
+
+
+@pytest.fixture
+def own_server(tmp_path: Path) -> Iterator[Server]:
+    with Server(tmp_path, workers=1, ready=False) as running:
+        yield running
+
+
+def broken(server: Server, statement: str) -> None:
+    with closing(sqlite3.connect(server.library, isolation_level=None)) as connection:
+        connection.execute("PRAGMA foreign_keys = OFF")
+        connection.execute(statement)
+
+
+CALLS = [
+    ("GET", "/v1/shapes"), ("GET", "/v1/shapes/x"), ("PATCH", "/v1/shapes/x"), ("GET", "/v1/classes"),
+    ("GET", "/v1/map"), ("GET", "/v1/evaluation"), ("GET", "/v1/shapes/x/mesh"),
+    ("GET", "/v1/shapes/x/geodesics?source=0"),
+    ("POST", "/v1/queries"),
+]  # fmt: skip
+
+
+def test_a_store_that_lost_a_table_is_told_and_nothing_of_it(own_server):
+    broken(own_server, "DROP TABLE shapes")
+    with own_server.http() as http:
+        for method, path in CALLS:
+            body = {"POST": {"shape_id": "x"}, "PATCH": {"name": "x"}}.get(method)
+            response = http.request(method, path, json=body)
+            problem = check(response, 503, "store")
+            nothing_within(own_server, response.text)
+            assert problem["detail"] == "the library's store cannot be used"
+            assert response.headers["x-request-id"] in own_server.log.read_text()
+        check(post_mesh(http, small_mesh(0)), 503, "store")
+        assert http.get("/v1/livez").status_code == 200
+    assert "no such table: shapes" in own_server.log.read_text()  # where those who run it find out
+
+
+def test_keys_that_cannot_be_looked_up_let_nobody_in(own_server):
+    broken(own_server, "DROP TABLE api_keys")
+    with own_server.http() as http:
+        for method, path in CALLS:
+            response = http.request(method, path, headers={"Authorization": "Bearer unbend_x"})
+            check(response, 503, "store")
+            nothing_within(own_server, response.text)
+
+
+def test_what_nobody_foresaw_is_told_by_the_request_alone(own_server):
+    # a time that is none cannot come about: the store is sound, and the code meets what it does not expect
+    with own_server.http() as http:
+        job = post_mesh(http, small_mesh(0)).json()
+        broken(own_server, f"UPDATE jobs SET created_at = 'never' WHERE id = '{job['id']}'")  # noqa: S608
+        response = http.get(f"/v1/jobs/{job['id']}", headers={"X-Request-ID": "the-one"})
+    problem = check(response, 500, "error")
+    assert problem == {
+        "type": "about:blank", "title": "Internal Server Error", "status": 500, "code": "error", "advice": "",
+        "detail": "The service failed; its log says why.", "errors": [],
+    }  # fmt: skip
+    assert response.headers["content-type"] == MEDIA_TYPE
+    assert response.headers["x-request-id"] == "the-one"
+    nothing_within(own_server, response.text)
+    assert "Traceback" in own_server.log.read_text()
+
+
+def nothing_within(server: Server, text: str) -> None:
+    for word in ("SELECT", "sqlite", "sqlalchemy", "Traceback", ".py", "table", "never", str(server.library)):
+        assert word not in text, word

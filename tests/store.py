@@ -10,6 +10,7 @@ from sqlalchemy import Connection
 
 from unbend import Library, MeshPolicy, Parameters, Signature
 from unbend.library import shapes as rows
+from unbend.library.payload import PackedSignature
 from unbend.library.records import ShapeRecord
 
 PARAMETERS = Parameters(samples=40)
@@ -25,8 +26,9 @@ def signature(vector=(0.0, 0.0, 0.0)) -> Signature:
 def insert(connection: Connection, data: bytes, name: str, label=None, metadata=None, vector=(0, 0, 0)) -> ShapeRecord:
     """Store a shape whose file is `data`."""
     new = rows.NewShape(
-        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), signature=signature(vector), area=1.0,
-        report={"file_type": "off"}, name=name, label=label, metadata=metadata or {},
+        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), area=1.0,
+        signature=PackedSignature.of(signature(vector)), report={"file_type": "off"},
+        name=name, label=label, metadata=metadata or {},
     )  # fmt: skip
     rows.put_mesh(connection, new.sha256, data)
     return rows.add_shape(connection, new)

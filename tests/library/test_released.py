@@ -149,7 +149,7 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
         with library.store.write() as connection:
             job = queue.claim(connection)
         mesh = StoredMesh(library.store.url, job.mesh_sha256, job.file_type, MeshPolicy.from_json(job.policy))
-        assert compute(Task(job.id, mesh, tmp_path, job.parameters)).signature.points.shape == (6, 3)
+        assert compute(Task(mesh, job.parameters)).signature.unpack().points.shape == (6, 3)
         assert job.request["name"] == "waiting"
 
 

@@ -9,8 +9,8 @@ from typing import Final
 
 from unbend.jobs.process import tell
 
-_QUIET_SECONDS: Final = 0.1
-"""Between two reports; more would only be work for the server."""
+_QUIET_SECONDS: Final = 0.05
+"""Between two reports of a stage; more would only be work for the server."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,11 @@ class StageClock:
     def report(self, stage: str, share: float) -> None:
         """Report; a stage lasts until the first report of the next."""
         now = time.perf_counter()
-        if self._last is None or stage != self._last.stage:
+        is_new = self._last is None or stage != self._last.stage
+        if is_new:
             self._close(now)
         self._last = Report(str(stage), share, getattr(stage, "detail", {}))
-        if now - self._told >= _QUIET_SECONDS:
+        if is_new or now - self._told >= _QUIET_SECONDS:
             self.tell()
             self._told = now
 

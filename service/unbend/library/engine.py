@@ -18,7 +18,7 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DatabaseError, IntegrityError, TimeoutError  # noqa: A004
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
-from unbend.library.erasing import LogEraser, take_mark
+from unbend.library.erasing import LogEraser, When, take_mark
 from unbend.library.memory import Memory
 
 T = TypeVar("T")
@@ -79,9 +79,9 @@ class Store:
         with self._turn, failing_as_store(), self._engine.begin() as connection:
             take_mark(connection)  # of a transaction that was undone
             yield connection
-            erased = take_mark(connection)
-        if erased:
-            self.erase()
+            mark = take_mark(connection)
+        if mark:
+            self.erase(mark)
 
     async def fetch(self, look: Callable[[Connection], T], question: Hashable = None) -> T:
         """Return what `look`, a matter of a few rows, finds, without holding up the event loop.
@@ -115,10 +115,10 @@ class Store:
         finally:
             raw.close()
 
-    def erase(self) -> None:
+    def erase(self, when: When = "now") -> None:
         """Empty SQLite's write-ahead log, so that nothing deleted is found there; soon, if a reader is in the way."""
         if self._eraser is not None:
-            self._eraser.erase()
+            self._eraser.erase(when)
 
     def close(self) -> None:
         """Close all connections."""

@@ -7,10 +7,8 @@ they were, until it is written into the file and cut to nothing; that cannot be 
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
-import time
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import SQLAlchemyError
@@ -21,33 +19,37 @@ _WAIT_MS: Final = 100
 _RETRY_SECONDS: Final = 1.0
 
 
-def mark_erased(connection: Connection) -> None:
+When = Literal["now", "soon"]
+"""Whether somebody who asked for a deletion waits for it, or it is one among many of the service's own."""
+
+
+def mark_erased(connection: Connection, when: When) -> None:
     """Note that this transaction deletes what must not be found again."""
-    connection.info[_MARK] = True
+    if connection.info.get(_MARK) != "now":
+        connection.info[_MARK] = when
 
 
-def take_mark(connection: Connection) -> bool:
-    """Return whether a transaction on this connection was marked, and forget it."""
-    return bool(connection.info.pop(_MARK, False))
+def take_mark(connection: Connection) -> When | None:
+    """Return the mark of a transaction on this connection, if it has one, and forget it."""
+    mark: When | None = connection.info.pop(_MARK, None)
+    return mark
 
 
 class LogEraser:
-    """Empties the write-ahead log of an SQLite database, at most once a second, and until no reader is in the way."""
+    """Empties the write-ahead log of an SQLite database, trying each second while a reader is in the way."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._lock = threading.Lock()
         self._timer: threading.Timer | None = None
         self._closed = False
-        self._emptied_at = -math.inf
 
-    def erase(self) -> None:
-        """Empty the log, now or soon."""
+    def erase(self, when: When) -> None:
+        """Empty the log now, if no reader is in the way, or soon: once for all that is deleted until then."""
         with self._lock:
-            if self._timer is not None or self._closed:
+            if self._closed or (when == "now" and self._emptied()) or self._timer is not None:
                 return
-            if time.monotonic() - self._emptied_at < _RETRY_SECONDS or not self._emptied():
-                self._try_later()
+            self._try_later()
 
     def close(self) -> None:
         """Stop trying; the last connection that is closed empties the log in any case."""
@@ -71,9 +73,7 @@ class LogEraser:
         with contextlib.suppress(SQLAlchemyError, self._engine.dialect.loaded_dbapi.Error):
             raw = self._engine.raw_connection()
             try:
-                if _emptied(raw.cursor()):
-                    self._emptied_at = time.monotonic()
-                    return True
+                return _emptied(raw.cursor())
             finally:
                 raw.close()
         return False

@@ -100,7 +100,7 @@ def drop_unused_mesh(connection: Connection, sha256: str) -> None:
     if not connection.scalar(_WANTED, {"sha256": sha256}):
         connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
         connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
-        mark_erased(connection)
+        mark_erased(connection, "soon")
 
 
 def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
@@ -205,7 +205,7 @@ def remove_shape(connection: Connection, shape_id: str) -> None:
     connection.execute(delete(signatures).where(signatures.c.id == signature_id))
     forget_in_jobs(connection, shape_id, record.label, record.sha256)
     drop_unused_mesh(connection, record.sha256)
-    mark_erased(connection)
+    mark_erased(connection, "now")
     connection.execute(insert(removals).values(seq=record.seq, revision=_next_revision(connection)))
 
 

@@ -21,4 +21,4 @@ async def read() -> Shape:
     return shape
 
 
-uvicorn.run(app, host="127.0.0.1", port=0, access_log=False)
+uvicorn.run(app, host="127.0.0.1", port=0, access_log=False, http="h11", loop="asyncio")  # as the service has it

@@ -57,14 +57,13 @@ class SecurityHeaders:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        headers = headers_for(scope["path"])
+        headers = [(name.lower().encode(), value.encode()) for name, value in headers_for(scope["path"]).items()]
         begun: list[Message] = []
 
         async def adding(message: Message) -> None:
             if message["type"] == "http.response.start":
-                answered = MutableHeaders(scope=message)
-                for name, value in headers.items():
-                    answered.setdefault(name, value)
+                there = {name for name, _ in message["headers"]}
+                message["headers"] = [*message["headers"], *(pair for pair in headers if pair[0] not in there)]
                 if scope["path"] in _PAGES:
                     begun.append(message)  # until the page is seen: it is sent as one
                     return

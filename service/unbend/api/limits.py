@@ -19,6 +19,8 @@ RETRY_SECONDS: Final = 5
 _SMALL: Final = 2**16
 """Bytes of a body that may be left unread and thrown away, so that the connection can be used again."""
 
+_BODY_HEADERS: Final = frozenset({b"content-length", b"transfer-encoding", b"expect"})
+
 
 @dataclass(frozen=True)
 class BodyLimits:
@@ -52,7 +54,7 @@ class BodyLimit:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, counting."""
-        if scope["type"] != "http":
+        if scope["type"] != "http" or not has_body(scope):
             await self._app(scope, receive, send)
             return
         if _announced(Headers(scope=scope)) > self._limits.each:
@@ -110,7 +112,7 @@ class Framing:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, watching what is read of it."""
-        if scope["type"] != "http":
+        if scope["type"] != "http" or (scope["http_version"] == "1.1" and not has_body(scope)):
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
@@ -132,6 +134,11 @@ class Framing:
             await answer(refused, {"Connection": "close"})(scope, receive, send)
             return
         await self._app(scope, reading, closing)
+
+
+def has_body(scope: Scope) -> bool:
+    """Return whether a request announces anything to come after its head."""
+    return any(name in _BODY_HEADERS for name, _ in scope["headers"])
 
 
 def _doubt(version: str, headers: Headers) -> Problem | None:

@@ -25,8 +25,13 @@ class Service:
     waits: Waits
 
 
-async def _service(request: Request) -> Service:  # async, or FastAPI would go to a thread for it
+def service_of(request: Request) -> Service:
+    """Return the service that a request came to, where the way through `ServiceDependency` would cost too much."""
     return cast("Service", request.app.state.service)
+
+
+async def _service(request: Request) -> Service:  # async, or FastAPI would go to a thread for it
+    return service_of(request)
 
 
 ServiceDependency = Annotated[Service, Depends(_service)]

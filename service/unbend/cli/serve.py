@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import socket
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from unbend.library import Library
 
 _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
+
+_GARBAGE = 10_000  # objects made, beyond those gone, before garbage is looked for: a request makes hundreds
 
 
 @click.command()
@@ -73,6 +76,8 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
         ws="none",
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
+    gc.freeze()  # what is there now stays: it need not be looked through again and again while requests wait
+    gc.set_threshold(_GARBAGE)
     Server(config).run()
 
 

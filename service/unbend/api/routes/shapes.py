@@ -9,6 +9,7 @@ from typing import Annotated, Any, get_args
 from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import JSONResponse
 from pydantic import WithJsonSchema
+from sqlalchemy import Connection
 
 from unbend.api.fields import FILE, FILE_ENCODING, MetadataText, ParametersText, PolicyText, ShapeId
 from unbend.api.headers import DISPOSITION, LOCATION
@@ -16,7 +17,7 @@ from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
 from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response, sends
 from unbend.api.problems import problem_responses
-from unbend.api.service import Service, ServiceDependency
+from unbend.api.service import Service, ServiceDependency, service_of
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
@@ -99,12 +100,19 @@ def list_shapes(
 
 @router.get(
     "/{shape_id}",
+    response_model=Shape,
     responses={200: {"links": shape_links("$response.body#/id", "get_shape")}, **problem_responses(404, 422)},
 )
-async def get_shape(service: ServiceDependency, shape_id: ShapeId) -> Shape:
+async def get_shape(request: Request, shape_id: ShapeId) -> Response:
     """Return a shape's record."""
-    look = partial(rows.get_shape, shape_id=shape_id)
-    return Shape.of(await service.library.store.fetch(look, ("shape", shape_id)))
+    look = partial(_record_text, shape_id=shape_id)
+    store = service_of(request).library.store
+    return Response(await store.fetch(look, ("record", shape_id)), media_type="application/json")
+
+
+def _record_text(connection: Connection, shape_id: str) -> bytes:
+    """Return a record as it is answered, so that this is what is remembered."""
+    return Shape.of(rows.get_shape(connection, shape_id)).model_dump_json().encode()
 
 
 @router.patch(

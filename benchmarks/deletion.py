@@ -45,12 +45,12 @@ def add(library: Library, data: bytes) -> str:
     vectors = {"spectrum": np.zeros(160)}
     signature = Signature(corners, face, np.arange(3), np.full(3, 1 / 3), 1.0, 0.0, 0.0, vectors, FEW)
     new = rows.NewShape(
-        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), signature=signature, area=1.0, report={},
+        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), signature=PackedSignature.of(signature), area=1.0, report={},
         name="shape", label="class", metadata={},
     )  # fmt: skip
     with library.store.write() as connection:
         rows.put_mesh(connection, new.sha256, data)
-        return rows.add_shape(connection, new).id
+        return rows.add_shape(connection, new)
 
 
 def milliseconds(call: Callable[[], object]) -> float:

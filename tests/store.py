@@ -31,7 +31,7 @@ def insert(connection: Connection, data: bytes, name: str, label=None, metadata=
         name=name, label=label, metadata=metadata or {},
     )  # fmt: skip
     rows.put_mesh(connection, new.sha256, data)
-    return rows.add_shape(connection, new)
+    return rows.get_shape(connection, rows.add_shape(connection, new))
 
 
 def add(library: Library, data: bytes, name: str, label=None, metadata=None, vector=(0, 0, 0)) -> ShapeRecord:

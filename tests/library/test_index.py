@@ -53,7 +53,7 @@ def insert(connection, vector, label=None, parameters=ONE, **others) -> str:
         area=1.0, report={}, name=str(list(vector)), label=label, metadata={},
     )  # fmt: skip
     rows.put_mesh(connection, new.sha256, data)
-    return rows.add_shape(connection, new).id
+    return rows.add_shape(connection, new)
 
 
 def held(library: Library, index: VectorIndex, key: IndexKey = KEY):

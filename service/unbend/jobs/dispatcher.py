@@ -193,7 +193,7 @@ class Dispatcher:
 def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> JobRecord | None:
     if queue.get_job(connection, job.id).finished:  # cancelled while the result was on its way
         return None
-    shape = rows.add_shape(
+    shape_id = rows.add_shape(
         connection,
         rows.NewShape(
             sha256=job.mesh_sha256 or "", policy=MeshPolicy.from_json(job.policy), signature=outcome.signature,
@@ -201,4 +201,4 @@ def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> Jo
             metadata=job.request["metadata"],
         ),
     )  # fmt: skip
-    return queue.finish(connection, job.id, "succeeded", shape_id=shape.id)
+    return queue.finish(connection, job.id, "succeeded", shape_id=shape_id)

@@ -13,7 +13,9 @@ from unbend.jobs.progress import Report
 class Listener:
     """Somebody who waits for news of a job."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, to_moves: bool) -> None:
+        self.to_moves = to_moves
+        """Whether it listens to progress too, and not only to changes of state."""
         self._changed = asyncio.Event()
         self._moved = asyncio.Event()
 
@@ -65,7 +67,8 @@ class News:
     def report(self, job_id: str, report: Report) -> None:
         """Keep where a job stands; safe in any thread."""
         self._reports[job_id] = report
-        if self._loop and job_id in self._listeners:
+        # Copied, for the loop may change it meanwhile. Waking the loop for nothing would cost more than all of this.
+        if self._loop and any(listener.to_moves for listener in tuple(self._listeners.get(job_id, ()))):
             self._loop.call_soon_threadsafe(self._tell, job_id, False)
 
     def last(self, job_id: str) -> Report | None:
@@ -81,9 +84,9 @@ class News:
         self._tell(job_id, True)
 
     @contextmanager
-    def listening(self, job_id: str) -> Iterator[Listener]:
-        """Yield a listener that hears of a job."""
-        listener = Listener()
+    def listening(self, job_id: str, *, to_moves: bool = False) -> Iterator[Listener]:
+        """Yield a listener that hears of a job: of its changes of state, and of its progress if asked."""
+        listener = Listener(to_moves=to_moves)
         self._listeners.setdefault(job_id, set()).add(listener)
         try:
             yield listener

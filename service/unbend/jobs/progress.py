@@ -9,6 +9,7 @@ from typing import Final
 
 from unbend.jobs.process import tell
 
+_SHORT_SECONDS: Final = 0.02
 _QUIET_SECONDS: Final = 0.05
 """Between two reports of a stage; more would only be work for the server."""
 
@@ -42,7 +43,7 @@ class StageClock:
         if is_new:
             self._close(now)
         self._last = Report(str(stage), share, getattr(stage, "detail", {}))
-        if is_new or now - self._told >= _QUIET_SECONDS:
+        if now - self._told >= (_SHORT_SECONDS if is_new else _QUIET_SECONDS):
             self.tell()
             self._told = now
 

@@ -165,7 +165,7 @@ class JobRunner:
         NotFoundError
             If there is no such job.
         """
-        with self._news.listening(job_id) as listener:
+        with self._news.listening(job_id, to_moves=True) as listener:
             job = await self.status(job_id)
             while True:
                 yield job

@@ -95,10 +95,11 @@ def compute(task: Task) -> Outcome:
     try:
         surface = _read(task.mesh, clock.begin)
         signature = compute_signature(surface, Parameters.from_json(task.parameters), progress=clock.report, threads=1)
-    except MemoryError:
-        raise JobMemoryError("the mesh needs more memory than a job may use") from None
-    finally:
-        clock.tell()
+    except Exception as error:
+        clock.tell()  # where it failed
+        if isinstance(error, MemoryError):
+            raise JobMemoryError("the mesh needs more memory than a job may use") from None
+        raise
     return Outcome(PackedSignature.of(signature), surface.area, surface.report.as_dict(), clock.seconds())
 
 

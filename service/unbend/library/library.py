@@ -131,7 +131,7 @@ class Library:
         )
         with self.store.write() as connection:
             rows.put_mesh(connection, key.sha256, data)
-            return rows.add_shape(connection, new)
+            return rows.get_shape(connection, rows.add_shape(connection, new))
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape's record; NotFoundError if there is none."""

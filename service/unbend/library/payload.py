@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -16,6 +17,8 @@ from unbend.signature.signature import Signature
 
 _ARRAYS = ("points", "faces", "samples", "weights")
 _NUMBERS = ("scale", "stress", "asymmetry")
+_LEVEL = 1
+"""Of compression: coordinates hardly shrink more with the usual level, which takes several times as long."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,12 @@ def pack_signature(signature: Signature) -> bytes:
     about |= {"parameters": signature.parameters.as_dict(), "version": signature.version}
     arrays = {name: getattr(signature, name) for name in _ARRAYS}
     arrays |= {f"descriptors/{name}": vector for name, vector in signature.descriptors.items()}
+    arrays["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as file:
+                np.lib.format.write_array(file, np.asarray(array), allow_pickle=False)
     return buffer.getvalue()
 
 

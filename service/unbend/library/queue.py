@@ -129,7 +129,8 @@ def finish(
     row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
     if row is None:
         return None
-    drop_unused_mesh(connection, row.mesh_sha256)
+    if shape_id is None:  # a shape needs it
+        drop_unused_mesh(connection, row.mesh_sha256)
     return _record(row)
 
 

@@ -103,11 +103,11 @@ def drop_unused_mesh(connection: Connection, sha256: str) -> None:
         mark_erased(connection, "soon")
 
 
-def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
-    """Store a shape whose mesh is stored already; return the one that is there if it has the same key."""
+def add_shape(connection: Connection, new: NewShape) -> str:
+    """Store a shape whose mesh is stored already; return its id, or that of the one that has the same key."""
     known = find_shape(connection, new.key)
     if known:
-        return known
+        return known.id
     packed = new.signature
     _next_revision(connection)
     signature_id = connection.scalar(
@@ -130,7 +130,7 @@ def add_shape(connection: Connection, new: NewShape) -> ShapeRecord:
     connection.execute(
         _ADD_SHAPE, {"id": shape_id, "signature_id": signature_id, "created_at": datetime.now(UTC), **described}
     )
-    return get_shape(connection, shape_id)
+    return shape_id
 
 
 def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:

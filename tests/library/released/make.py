@@ -75,7 +75,8 @@ async def fill(library: Library) -> None:
         }  # fmt: skip
         if "policy" in {field.name for field in dataclasses.fields(rows.NewShape)}:
             values["policy"] = upload(1.0).policy
-        queue.finish(connection, stored, "succeeded", shape_id=rows.add_shape(connection, rows.NewShape(**values)).id)
+        added = rows.add_shape(connection, rows.NewShape(**values))
+        queue.finish(connection, stored, "succeeded", shape_id=getattr(added, "id", added))
     answered = await claimed("query", 1.1, QUERY)
     end(answered, "succeeded", result=library.rank(compute_signature(read_mesh(octahedron(1.1)), FEW), k=10).as_dict())
     error = {"code": "mesh_read", "message": "the file ends early", "advice": "Export it again."}

@@ -23,6 +23,7 @@ from unbend import Library, MeshPolicy, Parameters, Signature
 from unbend.library import queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
+from unbend.library.payload import PackedSignature
 
 SIZES = {"20 kB": 20_000, "1 MB": 1_000_000, "20 MB": 20_000_000}
 ROUNDS = 15
@@ -45,8 +46,8 @@ def add(library: Library, data: bytes) -> str:
     vectors = {"spectrum": np.zeros(160)}
     signature = Signature(corners, face, np.arange(3), np.full(3, 1 / 3), 1.0, 0.0, 0.0, vectors, FEW)
     new = rows.NewShape(
-        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), signature=PackedSignature.of(signature), area=1.0, report={},
-        name="shape", label="class", metadata={},
+        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), area=1.0, report={},
+        signature=PackedSignature.of(signature), name="shape", label="class", metadata={},
     )  # fmt: skip
     with library.store.write() as connection:
         rows.put_mesh(connection, new.sha256, data)

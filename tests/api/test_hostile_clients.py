@@ -306,7 +306,7 @@ def test_http_1_0_and_head_are_answered(server):
         assert wire.answer().status_code == 200
         assert wire.rest() == b""
     with Wire(server, head("HEAD", "/v1/livez"), head("GET", "/v1/livez")) as wire:
-        assert wire.answer("HEAD").status_code == 405
+        assert wire.answer("HEAD").status_code == 200
         assert wire.answer().status_code == 200
 
 
@@ -342,7 +342,7 @@ def test_ten_thousand_open_connections_lock_nobody_out(tmp_path, all_handles):
     count = min(MANY, allowed_handles() * 3 // 4 - 16)
     silent, half = (b"",), (b"GET /v1/livez HTTP/1.1\r\nHost",)
     body = head("POST", "/v1/shapes", FORM, b"Content-Length: 100000"), PART
-    kinds = [silent, half] * 5 + [body]
+    kinds = silent, half, body
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as api:
         is_served(api, 10)
         opened, held = handles(server), status(server.process.pid, "VmRSS")

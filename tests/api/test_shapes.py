@@ -28,8 +28,8 @@ RECORD = {
     "report", "created_at",
 }  # fmt: skip
 JOB = {
-    "id", "kind", "state", "stage", "progress", "position", "attempts", "error", "shape_id", "result", "created_at",
-    "started_at", "finished_at",
+    "id", "kind", "state", "stage", "progress", "position", "attempts", "detail", "error", "shape_id", "result",
+    "created_at", "started_at", "finished_at",
 }  # fmt: skip
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
 
+_BACKLOG = 2048  # uvicorn's own
 _GARBAGE = 10_000  # objects made, beyond those gone, before garbage is looked for: a request makes hundreds
 
 
@@ -62,6 +63,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
                 service.runner.end_waits()
             super().handle_exit(sig, frame)
 
+    limits, backlog = _within_handles(settings.connection_limits)
     config = uvicorn.Config(
         app,
         host=host,
@@ -70,7 +72,8 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
         access_log=False,
         # Named, for uvicorn would take what happens to be installed. httptools has no limit on a request's head, and
         # uvloop gives up listening where there are no more handles.
-        http=connection_class(_within_handles(settings.connection_limits)),
+        http=connection_class(limits),
+        backlog=backlog,
         h11_max_incomplete_event_size=HEAD_BYTES,
         loop="asyncio",
         ws="none",
@@ -90,19 +93,23 @@ def _given(context: click.Context) -> dict[str, Any]:
     }
 
 
-def _within_handles(limits: ConnectionLimits) -> ConnectionLimits:
-    """Have the system give this process all the handles it may, and leave a quarter of them to files and workers."""
+def _within_handles(limits: ConnectionLimits) -> tuple[ConnectionLimits, int]:
+    """Have the system give this process all the handles it may, and leave a quarter of them to files and workers.
+
+    Returns limits that fit, and how many connections may be accepted at a time: asyncio closes none in between.
+    """
     try:
         import resource  # noqa: PLC0415
     except ImportError:  # Windows has no such limit
-        return limits
+        return limits, _BACKLOG
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(OSError, ValueError):  # macOS tells a limit that it does not give
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     handles, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if handles == resource.RLIM_INFINITY:
-        return limits
-    return replace(limits, connections=min(limits.connections, handles * 3 // 4))
+        return limits, _BACKLOG
+    fitting = replace(limits, connections=min(limits.connections, handles * 3 // 4))
+    return fitting, min(_BACKLOG, (handles - fitting.connections) // 4)
 
 
 def _only_this_machine(host: str) -> bool:

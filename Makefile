@@ -7,7 +7,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench contract openapi clean clean-kernels
+.PHONY: serve test lint types layers check bench reliability openapi clean clean-kernels
 
 serve: .venv/run
 	$(BIN)/unbend demo --library demo.db
@@ -39,10 +39,13 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/rerank.py
 	$(BIN)/python benchmarks/robustness.py
 	$(BIN)/python benchmarks/search.py
-	$(BIN)/python benchmarks/reliability.py
+	$(BIN)/python benchmarks/service.py
+	$(BIN)/python benchmarks/deletion.py
 
-# slow: thousands of requests made up from the OpenAPI document
-contract: .venv/test
+# An hour: processes killed, damaged files, requests made up from the OpenAPI document, each by the thousands.
+reliability: .venv/test
+	$(BIN)/python benchmarks/reliability.py
+	$(BIN)/python benchmarks/fuzz.py
 	$(BIN)/python benchmarks/contract.py
 
 openapi: .venv/run

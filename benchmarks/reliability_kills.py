@@ -28,7 +28,7 @@ EARLY: Final = 5
 
 NAMES: Final = {
     "computing": "at any time from its start to its end",
-    "sending": "in the middle of sending its result, the pipe full",
+    "sending": "when its result was ready and the server stood still",
     "taking": "within 4 ms of being handed a job",
     "idle": "with nothing to do",
 }

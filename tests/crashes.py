@@ -83,9 +83,9 @@ class Crashes:
         if found != [("ok",)] or dangling:
             self._faults.append(f"the library is damaged: {found} {dangling}")
         folders = len(list(server.temporary.iterdir()))
-        if folders > 1:
-            self._faults.append(f"{folders - 1} folders for temporary files are left")
-        return folders - 1
+        if folders:
+            self._faults.append(f"{folders} folders for temporary files are left")
+        return folders
 
     @contextlib.contextmanager
     def _called(self, server: Server) -> Iterator[None]:

@@ -313,7 +313,7 @@ def check_download(client: httpx.Client, shape_id: str, data: bytes) -> None:
     for path, file_type in (("mesh", "ply"), ("signature", "json")):
         response = client.get(f"/v1/shapes/{shape_id}/{path}")
         assert response.status_code == 200
-        assert set(response.headers) - set(plain.headers) == {"content-disposition"}
+        assert set(response.headers) - set(plain.headers) == {"content-disposition", "vary"}
         told = Message()
         told["content-disposition"] = response.headers["content-disposition"].split("; filename*")[0]
         assert told.get_content_disposition() == "attachment"

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Final, TypeVar
 
 from unbend.errors import WorkerLostError
@@ -26,6 +27,11 @@ _STARTING: Final = threading.Lock()
 """Processes are started one by one: what multiprocessing keeps of its children is not made for several threads."""
 
 _END_SECONDS: Final = 10.0
+
+
+@dataclass(frozen=True)
+class _Begun:
+    pass
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,7 @@ class WorkerProcess:
         listener : callable, optional
             Called with what the function tells meanwhile.
         begun : callable, optional
-            Called when the process is there and has the function.
+            Called when the process is there and has begun.
 
         Raises
         ------
@@ -145,6 +151,7 @@ class WorkerProcess:
                     self._is_ready = True
                 if not self._killed:
                     child.pipe.send((function, arguments))
+                    child.pipe.recv()  # it has begun: what becomes of it from now on is the function's fate
                     return child
             except (EOFError, OSError):
                 self._replace(child)
@@ -189,7 +196,8 @@ def _serve(pipe: Connection, initialise: Callable[[], None]) -> None:
             function, arguments = pipe.recv()
         except EOFError:
             return
-        pipe.send(_outcome(function, arguments))
+        pipe.send(_Begun())
+        _send(pipe, _outcome(function, arguments))
 
 
 def _outcome(function: Callable[..., Any], arguments: tuple[object, ...]) -> _Done | _Raised:
@@ -199,3 +207,15 @@ def _outcome(function: Callable[..., Any], arguments: tuple[object, ...]) -> _Do
         # Tracebacks do not travel; as a note this one is logged where the error is.
         error.add_note("".join(traceback.format_exception(error)))
         return _Raised(error)
+
+
+def _send(pipe: Connection, outcome: _Done | _Raised) -> None:
+    """Send what came of a function, or else that it cannot be sent."""
+    try:
+        data = ForkingPickler.dumps(outcome)
+        if isinstance(outcome, _Raised):
+            ForkingPickler.loads(data)  # an exception may go and not arrive: made of other arguments than it keeps
+    except Exception as error:  # noqa: BLE001  whatever stands in the way, somebody waits for an answer
+        what = outcome.error if isinstance(outcome, _Raised) else outcome.result
+        data = ForkingPickler.dumps(_Raised(TypeError(f"{type(what).__name__} cannot be sent: {error}: {what!r:.500}")))
+    pipe.send_bytes(data)

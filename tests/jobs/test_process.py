@@ -1,0 +1,132 @@
+"""A worker process: what it returns, raises and tells, and what becomes of it when it dies or is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+from server import is_running
+from unbend.errors import ParameterError, WorkerLostError
+from unbend.jobs.limits import limit_process
+from unbend.jobs.process import WorkerProcess, tell
+
+PATIENCE = 60.0
+LARGE = 20_000_000
+
+
+@pytest.fixture(scope="module")
+def worker():
+    process = WorkerProcess(partial(limit_process, None))
+    yield process
+    process.end()
+
+
+def raise_ours(name: str) -> None:
+    raise ParameterError(f"{name} is wrong")
+
+
+def raise_what_does_not_travel() -> None:
+    class LocalError(Exception):
+        pass
+
+    raise LocalError("of this process alone")
+
+
+def return_what_does_not_travel() -> threading.Lock:
+    return threading.Lock()
+
+
+def count_aloud(most: int) -> int:
+    for number in range(most):
+        tell(number)
+    return os.getpid()
+
+
+def killed_after(seconds: float, worker: WorkerProcess) -> threading.Timer:
+    timer = threading.Timer(seconds, worker.kill)
+    timer.start()
+    return timer
+
+
+def test_it_returns_raises_and_tells(worker):
+    heard: list[int] = []
+    pid = worker.run(count_aloud, (5,), heard.append)
+    assert heard == [0, 1, 2, 3, 4]
+    assert pid != os.getpid()
+    assert worker.run(os.getpid, ()) == pid
+    with pytest.raises(ParameterError, match="this is wrong") as caught:
+        worker.run(raise_ours, ("this",))
+    assert "raise_ours" in "".join(caught.value.__notes__)  # where, for the log
+    assert str(caught.value) == "this is wrong"
+    assert worker.run(np.arange, (LARGE // 8,)).nbytes == LARGE
+    assert worker.run(os.getpid, ()) == pid
+
+
+@pytest.mark.parametrize("function", [raise_what_does_not_travel, return_what_does_not_travel])
+def test_what_does_not_travel_is_an_error_and_no_end(worker, function):
+    pid = worker.run(os.getpid, ())
+    with pytest.raises(TypeError, match="cannot be sent"):
+        worker.run(function, ())
+    assert worker.run(os.getpid, ()) == pid
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGTERM])
+def test_one_that_dies_is_lost_and_another_takes_its_place(worker, number):
+    pid = worker.run(os.getpid, ())
+    with pytest.raises(WorkerLostError):
+        worker.run(signal.raise_signal, (number,))
+    assert not is_running(pid)
+    assert worker.run(os.getpid, ()) != pid
+
+
+def test_one_that_dies_with_nothing_to_do_is_nobodys_loss(worker):
+    pid = worker.run(os.getpid, ())
+    os.kill(pid, signal.SIGKILL)
+    assert worker.run(os.getpid, ()) != pid
+
+
+def test_killing_it_ends_what_it_does_at_once(worker):
+    pid = worker.run(os.getpid, ())
+    worker.prepare()
+    begun = time.monotonic()
+    timer = killed_after(0.3, worker)
+    with pytest.raises(WorkerLostError):
+        worker.run(time.sleep, (PATIENCE,))
+    timer.join()
+    assert time.monotonic() - begun < PATIENCE / 2
+    assert not is_running(pid)
+
+
+def test_it_may_be_killed_in_the_middle_of_a_result(worker):
+    worker.prepare()
+    pid, heard = worker.run(os.getpid, ()), []
+
+    def stop_reading(news: int) -> None:
+        heard.append(news)
+        time.sleep(0.5)  # what comes now does not fit into the pipe
+        os.kill(pid, signal.SIGKILL)
+
+    with pytest.raises(WorkerLostError):
+        worker.run(tell_and_return, (LARGE,), stop_reading)
+    assert heard == [LARGE]
+    assert worker.run(os.getpid, ()) != pid
+
+
+def tell_and_return(size: int) -> np.ndarray:
+    tell(size)
+    return np.zeros(size // 8)
+
+
+def test_a_kill_before_it_begins_is_not_forgotten(worker):
+    worker.prepare()
+    worker.kill()
+    with pytest.raises(WorkerLostError):
+        worker.run(os.getpid, ())
+    worker.prepare()
+    assert worker.run(os.getpid, ())

@@ -1,0 +1,88 @@
+"""One writer: order, what is undone with a change that fails, and what waits together."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import CancelledError
+from functools import partial
+
+import pytest
+from sqlalchemy import Connection
+
+from store import insert
+from unbend import Library
+from unbend.errors import NotFoundError
+from unbend.library.writer import Writer
+
+
+@pytest.fixture
+def library(tmp_path):
+    with Library(str(tmp_path / "library.db")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def writer(library):
+    with_store = Writer(library.store)
+    yield with_store
+    with_store.close()
+
+
+def put(connection: Connection, name: str) -> str:
+    return insert(connection, name.encode(), name).id
+
+
+def spoil(connection: Connection, name: str) -> None:
+    put(connection, name)
+    raise NotFoundError(f"no {name}")
+
+
+def names(library: Library) -> list[str]:
+    return [shape.name for shape in library.page().items]
+
+
+def test_a_change_is_in_the_store_when_its_future_has_a_result(library, writer):
+    shape_id = writer.submit(partial(put, name="one")).result(10)
+    assert library.get(shape_id).name == "one"
+
+
+def test_changes_that_wait_together_are_made_in_order_and_one_that_fails_takes_none_with_it(library, writer):
+    held, go_on = threading.Event(), threading.Event()
+
+    def hold(connection: Connection) -> None:
+        held.set()
+        assert go_on.wait(10)
+        put(connection, "held")
+
+    begun = writer.submit(hold)
+    assert held.wait(10)
+    changes = [spoil if number % 3 == 1 else put for number in range(9)]
+    waiting = [writer.submit(partial(change, name=f"n{number}")) for number, change in enumerate(changes)]
+    given_up = writer.submit(partial(put, name="given up"))
+    assert given_up.cancel()
+    go_on.set()
+    begun.result(10)
+    for number, future in enumerate(waiting):
+        if number % 3 == 1:
+            with pytest.raises(NotFoundError, match=f"no n{number}"):
+                future.result(10)
+        else:
+            assert library.get(future.result(10)).name == f"n{number}"
+    with pytest.raises(CancelledError):
+        given_up.result(10)
+    assert names(library) == ["held", *(f"n{number}" for number in range(9) if number % 3 != 1)]
+
+
+def test_a_change_that_fails_alone_leaves_nothing_and_the_writer_goes_on(library, writer):
+    with pytest.raises(NotFoundError):
+        writer.submit(partial(spoil, name="spoilt")).result(10)
+    writer.submit(partial(put, name="after")).result(10)
+    assert names(library) == ["after"]
+
+
+def test_what_was_asked_for_before_the_end_is_made(library):
+    writer = Writer(library.store)
+    futures = [writer.submit(partial(put, name=str(number))) for number in range(200)]
+    writer.close()
+    assert all(future.done() for future in futures)
+    assert len(library) == 200

@@ -80,3 +80,9 @@ ZERO_STRESS: Final = 1e-24
 
 SPECTRUM_FLOOR: Final = 1e-9
 """Eigenvalues of the geodesic spectrum below this are rounding; the largest is near 1, for weights sum to 1."""
+
+DENSITY_FLOOR: Final = 1e-12
+"""Share of a surface's area within the width of a kernel below which a sample has nothing near it, not even itself.
+
+Only needles of twenty orders of magnitude come near it; without it the diffusion kernel divides by zero there.
+"""

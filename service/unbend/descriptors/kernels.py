@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.tolerances import DENSITY_FLOOR
 
 Kernel = Callable[[Floats, Floats], Floats]
 """Takes distances (k, k) on a surface of area 1 and the samples' shares of the area (k,); returns a matrix (k, k)."""
@@ -42,9 +43,9 @@ def diffusion(width: float) -> Kernel:
 
     def walk(distances: Floats, shares: Floats) -> Floats:
         near = affinity(distances, shares)
-        density = near @ shares
+        density = np.maximum(near @ shares, DENSITY_FLOOR)
         near /= np.outer(density, density)
-        degree = np.sqrt(near @ shares)
+        degree = np.sqrt(np.maximum(near @ shares, DENSITY_FLOOR))
         return np.asarray(near / np.outer(degree, degree))
 
     return walk

@@ -318,7 +318,7 @@ def test_who_writes_too_long_is_not_cut_off(library, path, tmp_path, monkeypatch
     monkeypatch.setattr("unbend.library.engine._BUSY_SECONDS", 0.1)
     with library.store.write() as connection:
         insert(connection, b"x", "kept")
-        with pytest.raises(StoreError, match="cannot be used"):
+        with pytest.raises(StoreError, match="locked"):
             restore(copy, str(path), overwrite=True)
     assert [shape.name for shape in library.page().items] == ["kept"]
 

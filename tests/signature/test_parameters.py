@@ -37,7 +37,7 @@ def test_json_round_trip_and_hash(parameters):
         ('{"samples": 5001}', "samples"),
         ('{"samples": true}', "samples"),
         ('{"samples": "300"}', "samples"),
-        ('{"samples": 300.0}', "samples"),
+        ('{"samples": 300.5}', "samples"),
         ('{"dimensions": 0}', "dimensions"),
         ('{"dimensions": null}', "dimensions"),
         ('{"dimensions": "all"}', '1 to 12, or "auto"'),

@@ -227,7 +227,6 @@ def _migrate(engine: Engine) -> None:
             command.upgrade(config, "head")
     except CommandError as error:
         raise StoreVersionError("the library was made by a later version of unbend") from error
-    except DatabaseError as error:
-        raise StoreError(
-            f"the library at {engine.url.render_as_string(hide_password=True)} cannot be opened: {error.orig}"
-        ) from error
+    except (DatabaseError, sqlite3.Error) as error:  # the latter from the beginning of a transaction
+        place, why = engine.url.render_as_string(hide_password=True), getattr(error, "orig", error)
+        raise StoreError(f"the library at {place} cannot be opened: {why}") from error

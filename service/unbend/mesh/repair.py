@@ -21,13 +21,21 @@ from unbend.mesh.surface import Surface, check_mesh
 from unbend.tolerances import DEGENERATE_HEIGHT
 
 
-def repair(vertices: ArrayLike, faces: ArrayLike, *, file_type: str = "", policy: MeshPolicy | None = None) -> Surface:
+def repair(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    *,
+    file_type: str = "",
+    notes: tuple[str, ...] = (),
+    policy: MeshPolicy | None = None,
+) -> Surface:
     """Return the surface that raw `vertices` (n, 3) and `faces` (m, 3) describe.
 
     Faces that use a coordinate that is not finite, repeat a vertex or repeat another face are dropped, and
     `policy` says what happens to further components, to noise and to a mesh of many vertices. Vertices are never
     dropped or renumbered, except where the policy asks for fewer: then the surface's `vertex_map` says where they
-    went. Nor are they moved, except by that and by smoothing.
+    went. Nor are they moved, except by that and by smoothing. `notes` are sentences for the report: what the file's
+    reader skipped.
 
     Raises
     ------
@@ -38,7 +46,7 @@ def repair(vertices: ArrayLike, faces: ArrayLike, *, file_type: str = "", policy
     policy = policy or MeshPolicy()
     points, corners = np.asarray(vertices, np.float64), np.asarray(faces)
     check_mesh(points, corners)
-    report = MeshReport(file_type=file_type, vertices=len(points), faces=len(corners))
+    report = MeshReport(file_type=file_type, vertices=len(points), faces=len(corners), notes=notes)
     surface = cleaned(points, corners.astype(np.int32, copy=False), report)
     surface = _choose_component(surface, policy)
     surface = surface.with_report(surface.report.adding(**asdict(take_census(surface))).described())

@@ -20,8 +20,41 @@ NEEDLE: Final = 1e4
 LONGEST_EDGE: Final = 1e9
 """Longest edge, in median ones, of a surface whose squared distances single precision can hold."""
 
-START_DEPTH: Final = 3
-"""Triangles beyond the first that a source looks through in the exact start of its front, at least."""
+MOLLIFIED: Final = 1e-6
+"""By how much, in median edges, two sides of a triangle exceed the third before edges are flipped (Sharp & Crane 2020)."""
+
+DELAUNAY: Final = 1e-9
+"""An edge is flipped where the cotangents opposite it sum to less than minus this: squares are left as they are."""
+
+FLIPS: Final = 100
+"""Flips a face at most. Lawson's flips end by themselves; rounding on triangles without an area need not."""
+
+THIN_ANGLE: Final = 10.0
+"""Degrees below which a corner of an intrinsic triangle is always refined; of scanned surfaces 1 % of faces have one."""
+
+ROUND_ANGLE: Final = 25.0
+"""Degrees to which a stretched surface is refined. Delaunay refinement ends for certain up to 20.7, in practice to 30."""
+
+STRETCHED_SHARE: Final = 0.03
+"""A surface of which more faces than this have a corner below `THIN_ANGLE`, after all flips, is a stretched one."""
+
+NARROW: Final = 60.0
+"""Degrees around a vertex below which its triangles stay thin whatever is inserted."""
+
+MOST_STEINER: Final = 4.0
+"""Most Steiner points a vertex of the surface, beside `STEINER_FLOOR`."""
+
+STEINER_FLOOR: Final = 2000
+"""Steiner points that any surface may have: CAD models have few vertices."""
+
+REFINEMENT_STEPS: Final = 200
+"""Triangles crossed in search of a circumcentre, which lies near its own in all but the first insertions."""
+
+START_EVENTS: Final = 128
+"""Windows and pseudo-sources that the exact start of a front goes through: some two rings of vertices."""
+
+SADDLE: Final = 1e-6
+"""By how many radians the angle around a vertex exceeds a full turn where shortest paths may bend at it."""
 
 PLANAR_START: Final = 0.1
 """Radius, in edges by the root of the number of triangles, of the disc in which planar marching updates spherically.

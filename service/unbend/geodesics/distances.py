@@ -105,7 +105,7 @@ def distance_rows(
     """
     check_update(update)
     check_threads(threads)
-    wanted = np.arange(stencils.vertex_count, dtype=np.int32) if columns is None else columns
+    wanted = np.arange(len(stencils.place), dtype=np.int32) if columns is None else columns
     rows = np.empty((len(sources), len(wanted)))
 
     def march_part(part: slice) -> None:

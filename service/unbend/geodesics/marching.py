@@ -22,7 +22,7 @@ KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)
 BUCKETS: Final = 1024  # a power of two; edges of up to 200 median ones find their own bucket
 PER_EDGE: Final = np.float32(5.0)
 
-_WAITING, _SEEDED = 1, 2  # what `queued` says of a vertex in a bucket
+_WAITING, _SEEDED, _SETTLED = 1, 2, 3  # what `queued` says of a vertex: in a bucket, or never to be again
 
 
 def front_arrays(count: int) -> tuple[np.ndarray, ...]:
@@ -36,8 +36,10 @@ def front_arrays(count: int) -> tuple[np.ndarray, ...]:
 
 
 @kernel
-def march(stencils, seeds, limit, disc, width, reached, front):
+def march(stencils, seeds, exact, limit, disc, width, reached, front):
     """March from `seeds`, whose values are set; list the vertices reached in `reached` and return their number.
+
+    Values of seeds below `exact` are exact and stay; others may be lowered.
 
     The front stops at vertices whose value is not below `limit`: with the distances to earlier sources, it visits
     only the new source's Voronoi cell and the vertices that border it. Other values must be `UNREACHED`. As far as
@@ -91,12 +93,15 @@ def march(stencils, seeds, limit, disc, width, reached, front):
                 new = min(new, slots[3, slot])
 
         old = values[v]
-        if queued[v] == _SEEDED:  # it passes on what it has
+        settled = queued[v] == _SEEDED and old < exact
+        if settled:
+            new = old
+        elif queued[v] == _SEEDED:  # it passes on what it has
             new = min(new, old)
         elif not new < old * KEPT:
             queued[v] = 0
             continue
-        queued[v] = 0
+        queued[v] = _SETTLED if settled else 0
         if old == UNREACHED:
             reached[count] = v
             count += 1
@@ -140,6 +145,8 @@ def march(stencils, seeds, limit, disc, width, reached, front):
                     prefetch(corners, start + LINE_BYTES)
                     prefetch(corners, start + 2 * LINE_BYTES)
                     prefetch(corners, start + 3 * LINE_BYTES)
+    for index in range(len(seeds)):
+        queued[reached[index]] = 0
     return count
 
 

@@ -77,15 +77,16 @@ def sample_farthest(
     used = surface.used_vertices
     if not 1 <= count <= len(used):
         raise ParameterError(f"count must be between 1 and {len(used)}, the vertices that faces use, not {count}")
-    vertex_at = np.argsort(stencils.place)
+    vertex_at = np.full(stencils.vertex_count, -1)  # no vertex at Steiner points, which are never samples
+    vertex_at[stencils.place] = np.arange(len(stencils.place))
     usable = np.zeros(len(vertex_at), bool)
     usable[stencils.place[used]] = True
     vertex = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
     wanted = [1, 1, count] if start is None else [count]
     for number in wanted:  # a single sample's farthest vertex is where the next search starts
         samples, owner, distance = _sample(stencils, usable, vertex, number, progress)
-        vertex = int(np.where(np.isfinite(distance), distance, -1.0).argmax())
-    radius = float(distance[np.isfinite(distance)].max(initial=0.0)) * stencils.unit
+        vertex = int(np.where(usable & np.isfinite(distance), distance, -1.0).argmax())
+    radius = float(distance[usable & np.isfinite(distance)].max(initial=0.0)) * stencils.unit
     return Sampling(vertex_at[samples].astype(np.int64), owner[stencils.place], radius)
 
 
@@ -100,7 +101,7 @@ def _sample(
     for begin in range(0, count, _AT_A_TIME):
         end = min(count, begin + _AT_A_TIME)
         vertex = _sample_on(
-            stencils.arrays, free, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
+            stencils.arrays, stencils.triangles, free, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
         )
         if progress:
             progress(end)
@@ -108,12 +109,12 @@ def _sample(
 
 
 @kernel
-def _sample_on(stencils, free, vertex, begin, end, samples, distance, owner, reached, width, start, front):
+def _sample_on(stencils, triangles, free, vertex, begin, end, samples, distance, owner, reached, width, start, front):
     """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the one that would be next."""
     for number in range(begin, end):
         samples[number] = vertex
         free[vertex] = False
-        spread(stencils, vertex, number, np.inf, distance, owner, reached, width, start, front)
+        spread(stencils, triangles, vertex, number, np.inf, distance, owner, reached, width, start, front)
         vertex = _farthest(distance, free)
     return vertex
 

@@ -1,9 +1,10 @@
-"""The exact start of a front: straight lines from the source, over the triangles around it.
+"""The exact start of a front: shortest paths over the triangles around its source.
 
 A front is rounder near its source than any update allows for, and what is lost there is carried everywhere: marching
 from a point converges as h^0.67 where it starts with the point alone. So the triangles around the source are unfolded
-one after the other, window by window (Mitchell, Mount & Papadimitriou 1987), and every vertex that the source sees
-through them gets its distance in a straight line.
+one after the other, nearest first, by windows and pseudo-sources as exact algorithms do (Chen & Han 1990, in the order
+and with the filter of Xin & Wang 2009), for a bounded number of events. Distances below the radius that they reach are
+exact and stay; others that were found are where marching begins.
 """
 
 from __future__ import annotations
@@ -12,95 +13,241 @@ from typing import Final
 
 import numpy as np
 
-from unbend.geodesics.stencils import AX, BX, BY, SLOTS, A, B
-from unbend.geodesics.unfolding import apex_beyond
-from unbend.jit import kernel
-from unbend.tolerances import START_DEPTH
+from unbend.geodesics.unfolding import apex, apex_beyond
+from unbend.jit import inlined, kernel
+from unbend.tolerances import SADDLE, START_EVENTS
 
-_SHORT: Final = 1e-3  # an edge so short, as seen from the source, says nothing of directions in single precision
-_WINDOWS: Final = 4096  # those of a source with more triangles are left to marching
+_ROOM: Final = 32 * START_EVENTS  # for windows; a source with more triangles starts with fewer exact distances
+_FILTERED: Final = 1.0 - 1e-6  # distances are kept in single precision
+_STRAIGHT: Final = np.pi
 
 
-def start_arrays(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what `start_front` works on for `count` vertices: seeds, the corners of windows, their shapes."""
-    return np.empty(count, np.int32), np.empty((_WINDOWS, 4), np.int32), np.empty((_WINDOWS, 8))
+def start_arrays(count: int) -> tuple[np.ndarray, ...]:
+    """Return what `start_front` works on for `count` vertices.
+
+    Seeds; of each event its half-edge and vertex, and its shape; a heap of events: keys and items; three counters.
+    """
+    return (
+        np.empty(count, np.int32), np.empty((_ROOM, 2), np.int32), np.empty((_ROOM, 9)),
+        np.empty(_ROOM), np.empty(_ROOM, np.int32), np.empty(3, np.int64),
+    )  # fmt: skip
+
+
+_EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in the heap, vertices reached
 
 
 @kernel
-def start_front(stencils, source, value, start):
-    """Set `value` in straight lines from `source`, list the vertices set in `seeds`, return their number.
+def start_front(mesh, source, horizon, value, start):
+    """Set `value` along shortest paths from `source`; return how many vertices that reached, and the exact radius.
 
-    A window is an edge (A, B) laid into the plane of the source, B counter-clockwise of A, with the rays between
-    which the source sees it. It is passed on over every other triangle at the edge.
+    A *window* is a side (A, B) of a triangle, laid into the plane of the source or of a *pseudo-source*, a vertex where
+    shortest paths bend, with the rays between which that sees it. Windows go on over every other triangle at the side.
+    Vertices reached are listed in `seeds`. Nothing beyond `horizon` is looked at.
     """
-    first, corners, shapes = stencils
-    seeds, windows, edges = start
-    nothing = len(first) - 1
+    seeds, events, shapes, keys, items, counters = start
+    counters[:] = 0
     value[source] = 0.0
     seeds[0] = source
-    count = 1
-    size = 0
-    opened = 0  # in all: at an edge of many triangles windows would multiply without end
-    for home in range(first[source], first[source + 1]):
-        for lane in range(SLOTS):
-            a, b = corners[home, A, lane], corners[home, B, lane]
-            if a == nothing:
-                continue
-            ax, bx, by = shapes[home, AX, lane], shapes[home, BX, lane], shapes[home, BY, lane]
-            if ax < value[a]:  # every neighbour is some slot's A
-                if value[a] == np.inf:
-                    seeds[count] = a
-                    count += 1
-                value[a] = ax
-            if b != nothing and by > 0.0 and opened < len(windows):
-                windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = a, b, source, 0
-                edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3] = ax, 0.0, bx, by
-                edges[size, 4], edges[size, 5], edges[size, 6], edges[size, 7] = ax, 0.0, bx, by
-                size += 1
-                opened += 1
-    while size > 0:
-        size -= 1
-        a, b, behind, depth = windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3]
-        ax, ay, bx, by = edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3]
-        right_x, right_y, left_x, left_y = edges[size, 4], edges[size, 5], edges[size, 6], edges[size, 7]
-        base = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-        if base <= _SHORT * np.sqrt(ax * ax + ay * ay):
-            continue
-        for block in range(first[a], first[a + 1]):
-            for lane in range(SLOTS):
-                near, far = corners[block, A, lane], corners[block, B, lane]
-                if (near != b and far != b) or near == behind or far == behind:
-                    continue
-                d, x, y = far, np.float64(shapes[block, BX, lane]), np.float64(shapes[block, BY, lane])
-                if far == b:
-                    turn = shapes[block, AX, lane] / np.sqrt(x * x + y * y)
-                    d, x, y = near, turn * x, turn * y
-                if d == nothing:
-                    continue
-                dx, dy = apex_beyond(ax, ay, bx, by, x, y, base)
-                left_of_right = right_x * dy - right_y * dx >= 0.0
-                right_of_left = dx * left_y - dy * left_x >= 0.0
-                if left_of_right and right_of_left:
-                    straight = np.float32(np.sqrt(dx * dx + dy * dy))
-                    if straight < value[d]:
-                        if value[d] == np.inf:
-                            seeds[count] = d
-                            count += 1
-                        value[d] = straight
-                if depth == START_DEPTH or opened + 2 > len(windows):
-                    continue
-                if left_of_right:  # some of the edge from A to D is seen
-                    windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = a, d, b, depth + 1
-                    edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3] = ax, ay, dx, dy
-                    edges[size, 4], edges[size, 5] = right_x, right_y
-                    edges[size, 6], edges[size, 7] = (dx, dy) if right_of_left else (left_x, left_y)
-                    size += 1
-                    opened += 1
-                if right_of_left:
-                    windows[size, 0], windows[size, 1], windows[size, 2], windows[size, 3] = d, b, a, depth + 1
-                    edges[size, 0], edges[size, 1], edges[size, 2], edges[size, 3] = dx, dy, bx, by
-                    edges[size, 4], edges[size, 5] = (dx, dy) if left_of_right else (right_x, right_y)
-                    edges[size, 6], edges[size, 7] = left_x, left_y
-                    size += 1
-                    opened += 1
-    return count
+    counters[_SEEDS] = 1
+    _open_fan(mesh, source, 0.0, value, start)
+    for _ in range(START_EVENTS):
+        if counters[_WAITING] == 0 or keys[0] > horizon or counters[_EVENTS] + 16 > len(keys):
+            break
+        key, event = keys[0], items[0]
+        counters[_WAITING] = _drop_first(keys, items, counters[_WAITING])
+        if events[event, 0] >= 0:
+            _cross(mesh, event, value, start)
+        elif np.float32(key) <= value[events[event, 1]]:  # not reached on a shorter way since
+            _bend(mesh, event, key, value, start)
+    radius = keys[0] if counters[_WAITING] > 0 else np.inf
+    if counters[_EVENTS] + 16 > len(keys):
+        radius = min(radius, 0.0)
+    return counters[_SEEDS], radius
+
+
+@inlined
+def _norm(x, y):
+    return np.sqrt(x * x + y * y)
+
+
+@inlined
+def _angle(beside, other, opposite):
+    """Angle between two sides of a triangle."""
+    cosine = (beside * beside + other * other - opposite * opposite) / (2.0 * beside * other)
+    return np.arccos(min(1.0, max(-1.0, cosine)))
+
+
+@kernel
+def _cross(mesh, event, value, start):
+    """Pass a window on over the triangle behind it."""
+    faces, _, lengths, _, _, _ = mesh
+    _, events, shapes, _, _, _ = start
+    half_edge, a = events[event, 0], events[event, 1]
+    ax, ay, bx, by = shapes[event, 0], shapes[event, 1], shapes[event, 2], shapes[event, 3]
+    right_x, right_y, left_x, left_y = shapes[event, 4], shapes[event, 5], shapes[event, 6], shapes[event, 7]
+    before = shapes[event, 8]
+    face, j = half_edge // 3, half_edge % 3
+    at_a, at_b = 3 * face + (j + 1) % 3, 3 * face + (j + 2) % 3
+    if faces[face, (j + 1) % 3] != a:
+        at_a, at_b = at_b, at_a
+    b, d = faces[face, at_b % 3], faces[face, j]
+    base = _norm(bx - ax, by - ay)
+    if not base > 0.0:
+        return
+    x, y = apex(np.float64(lengths[at_b]), np.float64(lengths[at_a]), base)
+    dx, dy = apex_beyond(ax, ay, bx, by, x, y, base)
+    left_of_right = right_x * dy - right_y * dx >= 0.0
+    right_of_left = dx * left_y - dy * left_x >= 0.0
+    if left_of_right and right_of_left:
+        straight = _norm(dx, dy)
+        side_x, side_y = (ax, ay) if at_a == 3 * face + (j + 1) % 3 else (bx, by)
+        turn = _angle(straight, _norm(side_x - dx, side_y - dy), _norm(side_x, side_y)) if straight > 0.0 else 0.0
+        _reach(mesh, d, before + straight, half_edge, turn, value, start)
+    if left_of_right:
+        edge_x, edge_y = (dx, dy) if right_of_left else (left_x, left_y)
+        _add_window(mesh, at_b, a, d, ax, ay, dx, dy, right_x, right_y, edge_x, edge_y, before, value, start)
+    if right_of_left:
+        edge_x, edge_y = (dx, dy) if left_of_right else (right_x, right_y)
+        _add_window(mesh, at_a, d, b, dx, dy, bx, by, edge_x, edge_y, left_x, left_y, before, value, start)
+
+
+@kernel
+def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x, left_y, before, value, start):
+    """Let the window over `half_edge` wait, unless paths along the side to its ends are shorter everywhere."""
+    _, twins, _, _, _, _ = mesh
+    _, events, shapes, keys, items, counters = start
+    ex, ey = bx - ax, by - ay
+    length = _norm(ex, ey)
+    right, left = right_x * ey - right_y * ex, left_x * ey - left_y * ex
+    first = min(1.0, max(0.0, (right_y * ax - right_x * ay) / right)) if right != 0.0 else 0.0
+    last = min(1.0, max(0.0, (left_y * ax - left_x * ay) / left)) if left != 0.0 else 1.0
+    if not first < last:
+        return
+    to_last, to_first = _norm(ax + last * ex, ay + last * ey), _norm(ax + first * ex, ay + first * ey)
+    if value[a] + last * length < (before + to_last) * _FILTERED:
+        return
+    if value[b] + (1.0 - first) * length < (before + to_first) * _FILTERED:
+        return
+    nearest = min(last, max(first, -(ax * ex + ay * ey) / (length * length)))
+    key = before + _norm(ax + nearest * ex, ay + nearest * ey)
+    twin = twins[half_edge]
+    while twin >= 0 and twin != half_edge and counters[_EVENTS] < len(keys):
+        event = counters[_EVENTS]
+        events[event, 0], events[event, 1] = twin, a
+        shapes[event, 0], shapes[event, 1], shapes[event, 2], shapes[event, 3] = ax, ay, bx, by
+        shapes[event, 4], shapes[event, 5], shapes[event, 6], shapes[event, 7] = right_x, right_y, left_x, left_y
+        shapes[event, 8] = before
+        counters[_EVENTS] = event + 1
+        counters[_WAITING] = _insert(keys, items, counters[_WAITING], key, event)
+        twin = twins[twin]
+
+
+@kernel
+def _reach(mesh, vertex, distance, corner, turn, value, start):
+    """Lower the distance of a vertex, reached in `corner`, `turn` away from the side to that one's next corner."""
+    around = mesh[5]
+    seeds, events, shapes, keys, items, counters = start
+    lower = np.float32(distance)
+    if not lower < value[vertex]:
+        return
+    if value[vertex] == np.inf:
+        seeds[counters[_SEEDS]] = vertex
+        counters[_SEEDS] += 1
+    value[vertex] = lower
+    event = counters[_EVENTS]
+    if around[vertex] > 2.0 * np.pi + SADDLE and event < len(keys):
+        events[event, 0], events[event, 1] = -1 - corner, vertex
+        shapes[event, 0] = turn
+        counters[_EVENTS] = event + 1
+        counters[_WAITING] = _insert(keys, items, counters[_WAITING], distance, event)
+
+
+@kernel
+def _bend(mesh, event, distance, value, start):
+    """Open a vertex as a pseudo-source: into the shadow behind it, more than half a turn from where the path came.
+
+    On a boundary, or where the angle around the vertex is no single fan, into every triangle.
+    """
+    faces, twins, lengths, _, _, around = mesh
+    _, events, shapes, _, _, _ = start
+    vertex, corner = events[event, 1], -1 - events[event, 0]
+    if around[vertex] == np.inf:
+        _open_fan(mesh, vertex, distance, value, start)
+        return
+    side, angle = 3 * (corner // 3) + (corner % 3 + 2) % 3, shapes[event, 0]
+    end = around[vertex] - _STRAIGHT
+    while angle < end:
+        twin = twins[side]  # all faces around this vertex agree in orientation
+        face, k = twin // 3, twin % 3
+        at_w, at_vertex = 3 * face + (k + 1) % 3, 3 * face + (k + 2) % 3
+        w, u = faces[face, at_w % 3], faces[face, k]
+        to_w, to_u, across = np.float64(lengths[twin]), np.float64(lengths[at_w]), np.float64(lengths[at_vertex])
+        if not (to_w > 0.0 and to_u > 0.0 and across > 0.0):
+            return
+        own = _angle(to_w, to_u, across)
+        if angle + own > _STRAIGHT:
+            _reach(mesh, w, distance + to_w, at_w, 0.0, value, start)
+            _reach(mesh, u, distance + to_u, twin, _angle(to_u, across, to_w), value, start)
+            right, left = max(0.0, _STRAIGHT - angle), min(own, end - angle)
+            _add_window(
+                mesh, at_vertex, w, u, to_w, 0.0, to_u * np.cos(own), to_u * np.sin(own), np.cos(right), np.sin(right),
+                np.cos(left), np.sin(left), distance, value, start,
+            )  # fmt: skip
+        angle += own
+        side = at_w
+
+
+@kernel
+def _open_fan(mesh, vertex, distance, value, start):
+    """Reach all neighbours of a vertex, and open windows over the sides opposite it."""
+    faces, _, lengths, starts, corners, _ = mesh
+    for index in range(starts[vertex], starts[vertex + 1]):
+        side = corners[index]
+        face, i = side // 3, side % 3
+        at_a, at_b = 3 * face + (i + 1) % 3, 3 * face + (i + 2) % 3
+        to_a, to_b, across = np.float64(lengths[at_b]), np.float64(lengths[at_a]), np.float64(lengths[side])
+        whole = _angle(to_a, across, to_b) if to_a > 0.0 and across > 0.0 else 0.0
+        _reach(mesh, faces[face, at_a % 3], distance + to_a, at_a, whole, value, start)
+        _reach(mesh, faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
+    for index in range(starts[vertex], starts[vertex + 1]):
+        side = corners[index]
+        face, i = side // 3, side % 3
+        at_a, at_b = 3 * face + (i + 1) % 3, 3 * face + (i + 2) % 3
+        to_a, to_b = np.float64(lengths[at_b]), np.float64(lengths[at_a])
+        if to_a > 0.0:
+            x, y = apex(to_b, np.float64(lengths[side]), to_a)
+            a, b = faces[face, at_a % 3], faces[face, at_b % 3]
+            _add_window(mesh, side, a, b, to_a, 0.0, x, y, to_a, 0.0, x, y, distance, value, start)
+
+
+@kernel
+def _insert(keys, items, size, key, item):
+    """Insert into a binary heap of `size` items; return its new size."""
+    place = size
+    while place > 0:
+        parent = (place - 1) // 2
+        if keys[parent] <= key:
+            break
+        keys[place], items[place] = keys[parent], items[parent]
+        place = parent
+    keys[place], items[place] = key, item
+    return size + 1
+
+
+@kernel
+def _drop_first(keys, items, size):
+    """Remove the least item of a binary heap; return its new size."""
+    size -= 1
+    key, item, place = keys[size], items[size], 0
+    while True:
+        child = 2 * place + 1
+        if child >= size:
+            break
+        if child + 1 < size and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[place], items[place] = keys[child], items[child]
+        place = child
+    keys[place], items[place] = key, item
+    return size

@@ -9,6 +9,10 @@ triangle does, which more than halves the error (docs/benchmarks.md).
 Eight slots make a block, laid out so that one vector instruction takes a row of it; most vertices have one block of
 256 bytes. Empty slots refer to a vertex that no front reaches.
 
+Triangles are those of the intrinsic triangulation. Where it differs from the given one, given triangles take the slots
+that would be empty: both are triangulations of one surface, so each slot's distance is as true, the least of more slots
+errs less, and it costs nothing.
+
 Nothing here needs a manifold or an orientation: a triangle stands for itself, and over an edge of three faces
 or more the unfolding takes one of the other faces.
 """
@@ -24,7 +28,9 @@ from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import MeshGeometryError
-from unbend.geodesics.unfolding import half_edge_lengths, vertex_behind
+from unbend.geodesics.halfedges import HalfEdges, half_edges_of
+from unbend.geodesics.intrinsic import Intrinsic, intrinsic_triangulation
+from unbend.geodesics.unfolding import apex, half_edge_lengths, vertex_behind
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
 from unbend.tolerances import DEGENERATE_BASE, LONGEST_EDGE, NEEDLE
@@ -39,28 +45,36 @@ LINE_BYTES: Final = 64  # of a cache line
 
 @dataclass(frozen=True, eq=False)
 class Stencils:
-    """All slots of a surface.
+    """All slots of a surface, and the triangles they were made of.
 
     Vertices are renumbered breadth first, so that a front touches memory that lies together: `place[v]` is the
-    number here of the surface's vertex v. Lengths are in units of the median edge, in single precision.
+    number here of the surface's vertex v. Steiner points have numbers among them. Lengths are in units of the median
+    edge, in single precision.
     """
 
-    first: Ints  # (n + 1,) int32: vertex v has blocks first[v] to first[v + 1]
-    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; A takes in every neighbour; n where there is none
+    first: Ints  # (k + 1,) int32: vertex v has blocks first[v] to first[v + 1]
+    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; A takes in every neighbour; k where there is none
     shapes: NDArray[np.float32]  # the same memory: rows AX to PY, coordinates of A, B and P
     place: Ints  # (n,) int32
     unit: float  # length of the median edge
-    face_count: int
+    triangles: tuple[Ints, Ints, NDArray[np.float32], Ints, Ints, NDArray[np.float32]]
+    """What `start` reads: faces (m, 3), twins and lengths of half-edges, corners around each vertex as
+    corners[starts[v]:starts[v + 1]], and the angle there, inf where the corners are no single closed fan."""
     points: Floats  # (n, 3): the surface's vertices, as it numbers them and in its units
 
     @property
     def vertex_count(self) -> int:
-        """Number of vertices, with those that no face uses."""
-        return len(self.place)
+        """Number of vertices k, with Steiner points and those that no face uses."""
+        return len(self.first) - 1
+
+    @property
+    def face_count(self) -> int:
+        """Number of intrinsic triangles."""
+        return len(self.triangles[0])
 
     @property
     def arrays(self) -> tuple[Ints, Ints, NDArray[np.float32]]:
-        """What kernels read: first, corners, shapes."""
+        """What marching reads: first, corners, shapes."""
         return self.first, self.corners, self.shapes
 
 
@@ -76,19 +90,31 @@ def stencils_of(surface: Surface) -> Stencils:
 
 
 def build_stencils(surface: Surface) -> Stencils:
-    """Build the stencils of `surface`: O(n + m) for n vertices and m faces."""
-    count = len(surface.vertices)
-    twins = surface.edges.twins()
-    starts, around = _corners_of_vertices(surface.faces, count)
-    order = _breadth_first(surface.faces, starts, around)
+    """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the flips its triangles need."""
+    unit = _median_edge(surface)
+    given = half_edges_of(surface, unit)
+    return _stencils(surface, given, intrinsic_triangulation(given), unit)
+
+
+def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: float) -> Stencils:
+    mesh = intrinsic.half_edges
+    count = mesh.vertex_count
+    starts, around = _corners_of_vertices(mesh.faces, count)
+    order = _breadth_first(mesh.faces, starts, around)
     place = np.empty(count, np.int32)
     place[order] = np.arange(count, dtype=np.int32)
-    lengths, unit = _lengths(surface)
     first = np.zeros(count + 1, np.int32)
-    _count_blocks(surface.faces, starts, around, order, first)
+    _count_blocks(mesh.arrays, starts, around, order, first)
     corners, shapes = _empty_blocks(int(first[-1]), count)
-    _fill(lengths, surface.faces, twins, starts, around, order, place, first, corners, shapes)
-    return Stencils(first, corners, shapes, place, unit, len(surface.faces), surface.vertices)
+    filled = np.zeros(count, np.int32)
+    _fill(mesh.arrays, starts, around, order, place, first, corners, shapes, filled)
+    if intrinsic.given_changed.any():
+        given_starts, given_around = _corners_of_vertices(given.faces, count)
+        _fill_up(given.arrays, given_starts, given_around, order, place, first, corners, shapes, filled)
+    starts, around = _placed_corners(mesh.faces, starts, around, order)
+    angles = _angles_around(mesh.arrays, starts, around)
+    triangles = place[mesh.faces], mesh.twins, mesh.lengths.astype(np.float32), starts, around, angles
+    return Stencils(first, corners, shapes, place[: len(surface.vertices)].copy(), unit, triangles, surface.vertices)
 
 
 def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]:
@@ -101,18 +127,17 @@ def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]
     return corners, corners.view(np.float32)
 
 
-def _lengths(surface: Surface) -> tuple[Floats, float]:
-    """Return the lengths of half-edges in units of the median edge, (3 m,), and that unit."""
+def _median_edge(surface: Surface) -> float:
+    """Return the length of the median edge; refuse a surface with one too long for single precision."""
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces)
     typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0  # a few long edges must not make others vanish
-    lengths /= typical
     longest = int(lengths.argmax())
-    if lengths[longest] > LONGEST_EDGE:
+    if lengths[longest] > LONGEST_EDGE * typical:
         raise MeshGeometryError(
-            f"face {longest // 3} has an edge {lengths[longest]:.3g} times as long as a typical one: "
+            f"face {longest // 3} has an edge {lengths[longest] / typical:.3g} times as long as a typical one: "
             f"distances are marched in single precision, which has room for {LONGEST_EDGE:.0e}"
         )
-    return lengths, surface.scale * typical
+    return surface.scale * typical
 
 
 @kernel
@@ -131,6 +156,44 @@ def _corners_of_vertices(faces, count):
             around[starts[vertex + 1]] = 3 * face + corner
             starts[vertex + 1] += 1
     return starts[: count + 1], around
+
+
+@kernel
+def _placed_corners(faces, starts, around, order):
+    """Return the corners around each vertex, with vertices in `order`."""
+    new_starts, new_around = np.empty(len(starts), np.int32), np.empty(len(around), np.int32)
+    size = 0
+    for rank in range(len(order)):
+        new_starts[rank] = size
+        for index in range(starts[order[rank]], starts[order[rank] + 1]):
+            new_around[size] = around[index]
+            size += 1
+    new_starts[len(order)] = size
+    return new_starts, new_around
+
+
+@kernel
+def _angles_around(mesh, starts, around):
+    """Return the angle around each vertex, inf where its corners are no single closed fan of free edges."""
+    _, twins, lengths, free = mesh
+    angles = np.zeros(len(starts) - 1, np.float32)
+    for vertex in range(len(angles)):
+        size = starts[vertex + 1] - starts[vertex]
+        total = 0.0
+        corner = around[starts[vertex]] if size else -1
+        for turn in range(size):
+            face, i = corner // 3, corner % 3
+            side = 3 * face + (i + 2) % 3
+            a, b, c = lengths[corner], lengths[3 * face + (i + 1) % 3], lengths[side]
+            total += np.arccos(min(1.0, max(-1.0, (b * b + c * c - a * a) / (2.0 * b * c)))) if b * c > 0.0 else 0.0
+            twin = twins[side]
+            corner = 3 * (twin // 3) + (twin % 3 + 2) % 3
+            back = corner == around[starts[vertex]]
+            if not free[side] or back != (turn == size - 1):
+                total = np.inf
+                break
+        angles[vertex] = total
+    return angles
 
 
 @kernel
@@ -162,63 +225,99 @@ def _breadth_first(faces, starts, around):
 
 
 @kernel
-def _count_blocks(faces, starts, around, order, first):
-    """Count slots: one a triangle, and one for each neighbour that would appear as B only."""
-    seen_by = np.full(len(order), -1, np.int32)
+def _count_blocks(mesh, starts, around, order, first):
+    """Count slots: one a triangle, and one for each side from the vertex that no other triangle has as its CA."""
+    _, _, _, free = mesh
     for rank in range(len(order)):
         vertex = order[rank]
         slots = starts[vertex + 1] - starts[vertex]
-        for turn in range(1, 3):
-            for index in range(starts[vertex], starts[vertex + 1]):
-                other = faces[around[index] // 3, (around[index] + turn) % 3]
-                if turn == 2 and seen_by[other] != vertex:
-                    slots += 1
-                seen_by[other] = vertex
+        for index in range(starts[vertex], starts[vertex + 1]):
+            corner = around[index]
+            slots += free[3 * (corner // 3) + (corner % 3 + 1) % 3] == 0
         first[rank + 1] = first[rank] + (slots + SLOTS - 1) // SLOTS
 
 
 @kernel
-def _fill(lengths, faces, twins, starts, around, order, place, first, corners, shapes):
+def _slot_of(mesh, half_edge):
+    """Return the slot of the corner C opposite `half_edge`: A, B, P (-1 where nothing comes over AB), and their places."""
+    faces, twins, lengths, _ = mesh
+    face, corner = half_edge // 3, half_edge % 3
+    a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+    base = lengths[half_edge]
+    from_b, from_a = lengths[3 * face + (corner + 1) % 3], lengths[3 * face + (corner + 2) % 3]
+    bx, by = 0.0, from_b
+    if from_a > 0.0:
+        bx, by = apex(from_b, base, from_a)
+    # Over a boundary edge nothing comes, over one without length only what comes along CA, and a needle's far end is too
+    # far to tell directions by: no segments.
+    p, px, py = -1, 0.0, 0.0
+    if twins[half_edge] >= 0 and base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b):
+        if by > 0.0:
+            p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
+        if p < 0 or max(abs(px), abs(py)) > NEEDLE * min(from_a, from_b):  # the whole triangle, and one with no base
+            p, px, py = b, bx, by
+    return a, b, p, from_a, bx, by, px, py
+
+
+@kernel
+def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
+    faces, _, lengths, free = mesh
     nothing = len(order)
-    seen_by = np.full(len(order), -1, np.int32)
     for rank in range(len(order)):
         c = order[rank]
         slot = 0
         for index in range(starts[c], starts[c + 1]):
-            half_edge = around[index]
-            face, corner = half_edge // 3, half_edge % 3
-            a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
-            base = lengths[half_edge]
-            from_b, from_a = lengths[3 * face + (corner + 1) % 3], lengths[3 * face + (corner + 2) % 3]
-            bx, by = 0.0, from_b
-            if from_a > 0.0:
-                bx = (from_a * from_a + from_b * from_b - base * base) / (2.0 * from_a)
-                by = np.sqrt(max(0.0, from_b * from_b - bx * bx))
-            # Over a boundary edge nothing comes, over one without length only what comes along CA, and a needle's far
-            # end is too far to tell directions by: no segments.
-            p, px, py = nothing, 0.0, 0.0
-            bent = base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b)
-            if twins[half_edge] >= 0 and bent:
-                p, px, py = -1, 0.0, 0.0
-                if by > 0.0:
-                    p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
-                if p < 0 or max(abs(px), abs(py)) > NEEDLE * min(
-                    from_a, from_b
-                ):  # the whole triangle, and one with no base
-                    p, px, py = b, bx, by
-                p = int(place[p])
+            a, b, p, ax, bx, by, px, py = _slot_of(mesh, around[index])
             block, lane = first[rank] + slot // SLOTS, slot % SLOTS
-            corners[block, A, lane], corners[block, B, lane], corners[block, P, lane] = place[a], place[b], p
-            shapes[block, AX, lane], shapes[block, BX, lane], shapes[block, BY, lane] = from_a, bx, by
+            corners[block, A, lane], corners[block, B, lane] = place[a], place[b]
+            corners[block, P, lane] = place[p] if p >= 0 else nothing
+            shapes[block, AX, lane], shapes[block, BX, lane], shapes[block, BY, lane] = ax, bx, by
             shapes[block, PX, lane], shapes[block, PY, lane] = px, py
-            seen_by[a] = c
             slot += 1
         for index in range(starts[c], starts[c + 1]):
-            face, corner = around[index] // 3, around[index] % 3
-            b = faces[face, (corner + 2) % 3]
-            if seen_by[b] != c:
-                seen_by[b] = c
+            side = 3 * (around[index] // 3) + (around[index] % 3 + 1) % 3
+            if free[side] == 0:
                 block, lane = first[rank] + slot // SLOTS, slot % SLOTS
-                corners[block, A, lane] = place[b]
-                shapes[block, AX, lane] = lengths[3 * face + (corner + 1) % 3]
+                corners[block, A, lane] = place[faces[around[index] // 3, (around[index] + 2) % 3]]
+                shapes[block, AX, lane] = lengths[side]
+                slot += 1
+        filled[rank] = slot
+
+
+@kernel
+def _fill_up(mesh, starts, around, order, place, first, corners, shapes, filled):
+    """Put triangles that are no more into slots that are empty, those that see the farthest first."""
+    nothing = len(order)
+    taken = np.zeros(2 * SLOTS, np.int32)
+    for rank in range(len(order)):
+        c = order[rank]
+        slot, room = filled[rank], SLOTS * (first[rank + 1] - first[rank])
+        tried = 0
+        while slot < room and tried < len(taken):
+            best, far = -1, -1.0
+            for index in range(starts[c], starts[c + 1]):
+                a, b, p, ax, bx, by, px, py = _slot_of(mesh, around[index])
+                known = p < 0
+                for k in range(tried):
+                    known |= taken[k] == around[index]
+                if not known and px * px + py * py > far:
+                    best, far = around[index], px * px + py * py
+            if best < 0:
+                break
+            taken[tried] = best
+            tried += 1
+            a, b, p, ax, bx, by, px, py = _slot_of(mesh, best)
+            new = True
+            for old in range(slot):
+                block, lane = first[rank] + old // SLOTS, old % SLOTS
+                new &= (
+                    corners[block, A, lane] != place[a]
+                    or corners[block, B, lane] != place[b]
+                    or corners[block, P, lane] != place[p]
+                )
+            if new:
+                block, lane = first[rank] + slot // SLOTS, slot % SLOTS
+                corners[block, A, lane], corners[block, B, lane], corners[block, P, lane] = place[a], place[b], place[p]
+                shapes[block, AX, lane], shapes[block, BX, lane], shapes[block, BY, lane] = ax, bx, by
+                shapes[block, PX, lane], shapes[block, PY, lane] = px, py
                 slot += 1

@@ -1,0 +1,99 @@
+"""The intrinsic Delaunay triangulation of a polyhedral surface, by edge flips on lengths (Fisher et al. 2007).
+
+A flip cuts the two triangles at an edge along the other diagonal of their quadrilateral, laid into the plane. The surface
+and all distances on it stay as they are; the triangles become as round as the vertices allow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.arrays import Floats
+from unbend.geodesics.halfedges import before, following, relink, ring_before
+from unbend.geodesics.unfolding import apex
+from unbend.jit import inlined, kernel
+from unbend.tolerances import DELAUNAY, FLIPS, MOLLIFIED
+
+_FLAT = 1e-300  # below any area squared: keeps a triangle without an area from dividing by zero
+
+
+def mollified(lengths: Floats) -> Floats:
+    """Return half-edge lengths (3 m,) with each triangle's inequality kept by a margin (Sharp & Crane 2020).
+
+    Where a triangle is flat, all edges are lengthened by the same small amount: the least that helps. Elsewhere nothing
+    changes.
+    """
+    sides = lengths.reshape(-1, 3)
+    slack = float((sides.sum(axis=1) - 2 * sides.max(axis=1)).min())
+    missing = MOLLIFIED * float(np.median(lengths)) - slack
+    return lengths + missing if missing > 0 else lengths
+
+
+@inlined
+def _cotangent(a, b, c):
+    """Cotangent of the angle opposite side `a`."""
+    square = (a + b + c) * (b + c - a) * (c + a - b) * (a + b - c)
+    return (b * b + c * c - a * a) / np.sqrt(max(square, _FLAT))
+
+
+@kernel
+def flip_to_delaunay(mesh, waiting, queued, size, changed):
+    """Flip the first `size` half-edges of `waiting`, and what that makes worth a flip, until all are Delaunay.
+
+    `queued` says which half-edges wait, and `changed` learns which faces are new. An edge stays whose other diagonal
+    would join a vertex to itself: windows and stencils tell an edge's ends apart by their vertices.
+    """
+    faces, twins, lengths, free = mesh
+    left = FLIPS * len(faces)  # rounding could turn an edge to and fro
+    while size > 0:
+        size -= 1
+        half_edge = waiting[size]
+        queued[half_edge] = 0
+        if not free[half_edge]:
+            continue
+        twin = twins[half_edge]
+        if faces[half_edge // 3, half_edge % 3] == faces[twin // 3, twin % 3]:
+            continue
+        here = _cotangent(lengths[half_edge], lengths[following(half_edge)], lengths[before(half_edge)])
+        there = _cotangent(lengths[twin], lengths[following(twin)], lengths[before(twin)])
+        if here + there >= -DELAUNAY or left == 0:
+            continue
+        left -= 1
+        _flip(mesh, half_edge)
+        for face in (half_edge // 3, twin // 3):
+            changed[face] = 1
+            for side in (0, 2):  # the other one is the new diagonal
+                outer = 3 * face + side
+                if queued[outer] == 0:
+                    queued[outer] = 1
+                    waiting[size] = outer
+                    size += 1
+
+
+@kernel
+def _flip(mesh, half_edge):
+    """Replace faces (C, A, B) and (P, B, A), which meet at `half_edge`, by (C, A, P) and (P, B, C)."""
+    faces, twins, lengths, free = mesh
+    twin = twins[half_edge]
+    f, g = half_edge // 3, twin // 3
+    c, a, b = faces[f, half_edge % 3], faces[f, following(half_edge) % 3], faces[f, before(half_edge) % 3]
+    p = faces[g, twin % 3]
+    old = (following(half_edge), before(half_edge), following(twin), before(twin))  # BC, CA, AP, PB
+    new = (3 * g, 3 * f + 2, 3 * f, 3 * g + 2)
+    sides = (lengths[old[0]], lengths[old[1]], lengths[old[2]], lengths[old[3]])
+    were_free = (free[old[0]], free[old[1]], free[old[2]], free[old[3]])
+    beyond = (twins[old[0]], twins[old[1]], twins[old[2]], twins[old[3]])
+    ahead = (
+        ring_before(twins, old[0]), ring_before(twins, old[1]), ring_before(twins, old[2]), ring_before(twins, old[3])
+    )  # fmt: skip
+    cx, cy = apex(sides[1], sides[0], lengths[half_edge])
+    px, py = apex(sides[2], sides[3], lengths[half_edge])
+    diagonal = np.sqrt((cx - px) ** 2 + (cy + py) ** 2)
+    faces[f, 0], faces[f, 1], faces[f, 2] = c, a, p
+    faces[g, 0], faces[g, 1], faces[g, 2] = p, b, c
+    for k in range(4):
+        lengths[new[k]], free[new[k]] = sides[k], were_free[k]
+    for middle in (3 * f + 1, 3 * g + 1):
+        lengths[middle], free[middle] = diagonal, 1
+    relink(twins, old, new, beyond, ahead)
+    twins[3 * f + 1], twins[3 * g + 1] = 3 * g + 1, 3 * f + 1

@@ -1,0 +1,214 @@
+"""Intrinsic Delaunay refinement: Steiner points at the circumcentres of the thinnest triangles (Chew 1993; Sharp, Soliman
+& Crane 2019).
+
+Where vertices are few and far apart, as on the faces of CAD models, even Delaunay triangles are thin, and a front that
+crosses them is known at too few places. New vertices make them round. They lie on the surface, at the place that lengths
+alone describe, and nobody but the marching sees them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unbend.geodesics.flips import flip_to_delaunay
+from unbend.geodesics.halfedges import relink, ring_before
+from unbend.geodesics.unfolding import apex, apex_beyond
+from unbend.jit import inlined, kernel
+from unbend.tolerances import REFINEMENT_STEPS
+
+_LOST = -1  # what `_walk` says of a circumcentre that it does not find
+_CLOSE = 0.3  # of the shortest side: a new vertex as near to an old one would make a thinner triangle
+
+
+@inlined
+def largest_cosine(a, b, c):
+    """Cosine of the smallest angle of a triangle with sides a, b and c."""
+    return max(
+        (b * b + c * c - a * a) / (2.0 * b * c),
+        (c * c + a * a - b * b) / (2.0 * c * a),
+        (a * a + b * b - c * c) / (2.0 * a * b),
+    )
+
+
+@kernel
+def refine(mesh, face_count, vertex_count, most, bound, narrow, work, changed):
+    """Insert vertices until no smallest angle has a cosine above `bound`, or there are `most` vertices.
+
+    The arrays of `mesh` have room for that; `narrow` marks vertices around which less than a right angle lies, whose
+    triangles stay thin whatever is done. Returns the numbers of faces and vertices.
+    """
+    faces, _, lengths, _ = mesh
+    waiting, queued, todo = work
+    left = 0
+    for face in range(face_count - 1, -1, -1):
+        if largest_cosine(lengths[3 * face], lengths[3 * face + 1], lengths[3 * face + 2]) > bound:
+            todo[left] = face
+            left += 1
+    while left > 0 and vertex_count < most and face_count + 2 <= len(faces):
+        left -= 1
+        face = todo[left]
+        a, b, c = lengths[3 * face], lengths[3 * face + 1], lengths[3 * face + 2]
+        shortest = min(a, b, c)
+        sharp = 0 if shortest == a else (1 if shortest == b else 2)
+        if not largest_cosine(a, b, c) > bound or narrow[faces[face, sharp]]:
+            continue
+        first, second = _insert_circumcentre(mesh, face, shortest, face_count, vertex_count)
+        if first < 0:
+            continue
+        size = 0
+        for new in (first, face_count, second):
+            changed[new] = 1
+            for side in range(3 * new, 3 * new + 3):
+                if queued[side] == 0:
+                    queued[side] = 1
+                    waiting[size] = side
+                    size += 1
+        face_count += 1 if second == first else 2
+        flip_to_delaunay(mesh, waiting, queued, size, changed)
+        left = _list_around(mesh, _corner_of(faces, first, vertex_count), vertex_count, todo, left)
+        vertex_count += 1
+    return face_count, vertex_count
+
+
+@kernel
+def _corner_of(faces, face, vertex):
+    for i in range(3):
+        if faces[face, i] == vertex:
+            return 3 * face + i
+    return -1
+
+
+@kernel
+def _list_around(mesh, corner, vertex, todo, left):
+    """List the faces around `vertex`, from its `corner` on, both ways where a boundary ends the first."""
+    faces, twins, _, free = mesh
+    if corner < 0:
+        return left
+    for turn in (1, 2):
+        at = corner
+        while left < len(todo):
+            todo[left] = at // 3
+            left += 1
+            side = 3 * (at // 3) + (at % 3 + turn) % 3
+            if not free[side]:
+                break
+            twin = twins[side]
+            at = 3 * (twin // 3) + (twin % 3 + turn) % 3
+            if at == corner or faces[at // 3, at % 3] != vertex:
+                return left
+    return left
+
+
+@kernel
+def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
+    """Insert the circumcentre of `face`, or halve the boundary edge before it.
+
+    Returns the face that was split and the second new one beside `new_face`; -1 where nothing was done.
+    """
+    _, twins, lengths, _ = mesh
+    at, half_edge, d0, d1, d2 = _walk(mesh, face)
+    if half_edge >= 0:
+        if twins[half_edge] >= 0 or lengths[half_edge] <= shortest:  # an edge of several faces stays as it is
+            return _LOST, _LOST
+        _halve_boundary(mesh, half_edge, new_face, new_vertex)
+        return half_edge // 3, half_edge // 3
+    if at < 0 or min(d0, d1, d2) < _CLOSE * shortest:
+        return _LOST, _LOST
+    _split(mesh, at, new_face, new_vertex, d0, d1, d2)
+    return at, new_face + 1
+
+
+@kernel
+def _walk(mesh, face):
+    """Walk in a straight line from the middle of `face` to its circumcentre.
+
+    Returns the face it lies in and its distances from that one's corners; or, where an edge that cannot be crossed
+    comes first, that half-edge instead of -1.
+    """
+    _, twins, lengths, free = mesh
+    x, y = np.zeros(3), np.zeros(3)
+    x[1] = lengths[3 * face + 2]
+    x[2], y[2] = apex(lengths[3 * face + 1], lengths[3 * face], x[1])
+    if not y[2] > 0.0:
+        return _LOST, -1, 0.0, 0.0, 0.0
+    from_x, from_y = (x[1] + x[2]) / 3.0, y[2] / 3.0
+    to_x, to_y = 0.5 * x[1], 0.5 * (x[2] * x[2] + y[2] * y[2] - x[1] * x[2]) / y[2]
+    came = -1
+    for _ in range(REFINEMENT_STEPS):
+        leaves, soonest = -1, np.inf
+        for i in range(3):
+            if 3 * face + i == came:
+                continue
+            a, b = (i + 1) % 3, (i + 2) % 3
+            ex, ey = x[b] - x[a], y[b] - y[a]
+            beyond = ex * (to_y - y[a]) - ey * (to_x - x[a])
+            inside = ex * (from_y - y[a]) - ey * (from_x - x[a])
+            if beyond < 0.0 and inside / (inside - beyond) < soonest:
+                leaves, soonest = i, inside / (inside - beyond)
+        if leaves < 0:
+            d = np.sqrt((x - to_x) ** 2 + (y - to_y) ** 2)
+            return face, -1, d[0], d[1], d[2]
+        half_edge = 3 * face + leaves
+        if not free[half_edge]:
+            return _LOST, half_edge, 0.0, 0.0, 0.0
+        came = twins[half_edge]
+        a, b = (leaves + 1) % 3, (leaves + 2) % 3
+        ax, ay, bx, by = x[a], y[a], x[b], y[b]
+        face, j = came // 3, came % 3
+        near_b, near_a = (j + 1) % 3, (j + 2) % 3
+        base = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        px, py = apex(lengths[3 * face + near_b], lengths[3 * face + near_a], base)
+        x[near_a], y[near_a], x[near_b], y[near_b] = ax, ay, bx, by
+        x[j], y[j] = apex_beyond(ax, ay, bx, by, px, py, base)
+    return _LOST, -1, 0.0, 0.0, 0.0
+
+
+@kernel
+def _split(mesh, face, new_face, vertex, d0, d1, d2):
+    """Split `face` (A, B, C) into itself (A, B, V), `new_face` (B, C, V) and the next (C, A, V)."""
+    faces, twins, lengths, free = mesh
+    g, h = new_face, new_face + 1
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    old = (3 * face, 3 * face + 1, 3 * face + 2)
+    new = (3 * g + 2, 3 * h + 2, 3 * face + 2)
+    sides = (lengths[old[0]], lengths[old[1]], lengths[old[2]])
+    were_free = (free[old[0]], free[old[1]], free[old[2]])
+    beyond = (twins[old[0]], twins[old[1]], twins[old[2]])
+    ahead = (ring_before(twins, old[0]), ring_before(twins, old[1]), ring_before(twins, old[2]))
+    faces[face, 0], faces[face, 1], faces[face, 2] = a, b, vertex
+    faces[g, 0], faces[g, 1], faces[g, 2] = b, c, vertex
+    faces[h, 0], faces[h, 1], faces[h, 2] = c, a, vertex
+    for k in range(3):
+        lengths[new[k]], free[new[k]] = sides[k], were_free[k]
+    relink(twins, old, new, beyond, ahead)
+    for one, other, length in ((3 * face, 3 * g + 1, d1), (3 * g, 3 * h + 1, d2), (3 * h, 3 * face + 1, d0)):
+        twins[one], twins[other] = other, one
+        lengths[one] = lengths[other] = length
+        free[one] = free[other] = 1
+
+
+@kernel
+def _halve_boundary(mesh, half_edge, new_face, vertex):
+    """Split the face (C, A, B) at the middle V of its boundary edge AB into itself (C, A, V) and (C, V, B)."""
+    faces, twins, lengths, free = mesh
+    f, i = half_edge // 3, half_edge % 3
+    c, a, b = faces[f, i], faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
+    old = (3 * f + (i + 1) % 3, 3 * f + (i + 2) % 3)  # BC, CA
+    new = (3 * new_face + 1, 3 * f + 2)
+    sides, half = (lengths[old[0]], lengths[old[1]]), 0.5 * lengths[half_edge]
+    were_free = (free[old[0]], free[old[1]])
+    beyond = (twins[old[0]], twins[old[1]])
+    ahead = (ring_before(twins, old[0]), ring_before(twins, old[1]))
+    x, y = apex(sides[1], sides[0], 2.0 * half)
+    middle = np.sqrt((x - half) ** 2 + y * y)
+    faces[f, 0], faces[f, 1], faces[f, 2] = c, a, vertex
+    faces[new_face, 0], faces[new_face, 1], faces[new_face, 2] = c, vertex, b
+    for k in range(2):
+        lengths[new[k]], free[new[k]] = sides[k], were_free[k]
+    relink(twins, old, new, beyond, ahead)
+    for outer in (3 * f, 3 * new_face):
+        twins[outer], lengths[outer], free[outer] = -1, half, 0
+    one, other = 3 * f + 1, 3 * new_face + 2
+    twins[one], twins[other] = other, one
+    lengths[one] = lengths[other] = middle
+    free[one] = free[other] = 1

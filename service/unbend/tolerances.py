@@ -50,8 +50,11 @@ STEINER_FLOOR: Final = 2000
 REFINEMENT_STEPS: Final = 200
 """Triangles crossed in search of a circumcentre, which lies near its own in all but the first insertions."""
 
-START_EVENTS: Final = 128
-"""Windows and pseudo-sources that the exact start of a front goes through: some two rings of vertices."""
+START_EVENTS: Final = 256
+"""Windows and pseudo-sources that the exact start of a front goes through: some four rings of vertices."""
+
+SPREAD_EVENTS: Final = 64
+"""The same where many fronts share a surface, each with a small part of it."""
 
 SADDLE: Final = 1e-6
 """By how many radians the angle around a vertex exceeds a full turn where shortest paths may bend at it."""

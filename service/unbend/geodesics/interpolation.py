@@ -13,6 +13,7 @@ from unbend.geodesics.marching import UNREACHED, front_arrays, march
 from unbend.geodesics.start import start_arrays, start_front
 from unbend.geodesics.stencils import SLOTS, Stencils
 from unbend.jit import kernel
+from unbend.tolerances import SPREAD_EVENTS
 
 _NEAR: Final = 1e-6  # a distance below this share of the reach counts as this: the sample itself has all the weight
 
@@ -58,7 +59,7 @@ def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float,
 def _spread_values(stencils, triangles, sources, values, radius, disc, limit, total, weight, reached, width, start, front):
     seeds, distance = start[0], front[0]
     for row in range(len(sources)):
-        seeded, exact = start_front(triangles, sources[row], radius, distance, start)
+        seeded, exact = start_front(triangles, sources[row], SPREAD_EVENTS, radius, distance, start)
         size = march(stencils, seeds[:seeded], exact, limit, disc, width, reached, front)
         for index in range(size):
             v = reached[index]

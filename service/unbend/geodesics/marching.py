@@ -69,8 +69,10 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
         heads[now & mask] = following[v]
         pending -= 1
 
-        new = UNREACHED
-        for block in range(first[v], first[v + 1]):
+        old = values[v]
+        settled = queued[v] == _SEEDED and old < exact
+        new = old if settled else UNREACHED
+        for block in range(first[v], first[v] if settled else first[v + 1]):
             for slot in range(SLOTS):
                 slots[A, slot] = values[corners[block, A, slot]]
                 slots[B, slot] = values[corners[block, B, slot]]
@@ -92,11 +94,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             for slot in range(SLOTS):
                 new = min(new, slots[3, slot])
 
-        old = values[v]
-        settled = queued[v] == _SEEDED and old < exact
-        if settled:
-            new = old
-        elif queued[v] == _SEEDED:  # it passes on what it has
+        if queued[v] == _SEEDED:  # it passes on what it has
             new = min(new, old)
         elif not new < old * KEPT:
             queued[v] = 0

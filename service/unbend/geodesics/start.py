@@ -20,6 +20,7 @@ from unbend.tolerances import SADDLE, START_EVENTS
 _ROOM: Final = 32 * START_EVENTS  # for windows; a source with more triangles starts with fewer exact distances
 _FILTERED: Final = 1.0 - 1e-6  # distances are kept in single precision
 _STRAIGHT: Final = np.pi
+_FLAT: Final = 2.0 * np.pi + SADDLE
 
 
 def start_arrays(count: int) -> tuple[np.ndarray, ...]:
@@ -37,12 +38,13 @@ _EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in th
 
 
 @kernel
-def start_front(mesh, source, horizon, value, start):
+def start_front(mesh, source, most, horizon, value, start):
     """Set `value` along shortest paths from `source`; return how many vertices that reached, and the exact radius.
 
     A *window* is a side (A, B) of a triangle, laid into the plane of the source or of a *pseudo-source*, a vertex where
     shortest paths bend, with the rays between which that sees it. Windows go on over every other triangle at the side.
-    Vertices reached are listed in `seeds`. Nothing beyond `horizon` is looked at.
+    Vertices reached are listed in `seeds`. Nothing beyond `horizon` is looked at,
+    and no more than `most` events.
     """
     seeds, events, shapes, keys, items, counters = start
     counters[:] = 0
@@ -50,7 +52,7 @@ def start_front(mesh, source, horizon, value, start):
     seeds[0] = source
     counters[_SEEDS] = 1
     _open_fan(mesh, source, 0.0, value, start)
-    for _ in range(START_EVENTS):
+    for _ in range(most):
         if counters[_WAITING] == 0 or keys[0] > horizon or counters[_EVENTS] + 16 > len(keys):
             break
         key, event = keys[0], items[0]
@@ -77,10 +79,10 @@ def _angle(beside, other, opposite):
     return np.arccos(min(1.0, max(-1.0, cosine)))
 
 
-@kernel
+@inlined
 def _cross(mesh, event, value, start):
     """Pass a window on over the triangle behind it."""
-    faces, _, lengths, _, _, _ = mesh
+    faces, _, lengths, _, _, around = mesh
     _, events, shapes, _, _, _ = start
     half_edge, a = events[event, 0], events[event, 1]
     ax, ay, bx, by = shapes[event, 0], shapes[event, 1], shapes[event, 2], shapes[event, 3]
@@ -99,9 +101,10 @@ def _cross(mesh, event, value, start):
     left_of_right = right_x * dy - right_y * dx >= 0.0
     right_of_left = dx * left_y - dy * left_x >= 0.0
     if left_of_right and right_of_left:
-        straight = _norm(dx, dy)
-        side_x, side_y = (ax, ay) if at_a == 3 * face + (j + 1) % 3 else (bx, by)
-        turn = _angle(straight, _norm(side_x - dx, side_y - dy), _norm(side_x, side_y)) if straight > 0.0 else 0.0
+        straight, turn = _norm(dx, dy), 0.0
+        if around[d] > _FLAT and straight > 0.0:
+            side_x, side_y = (ax, ay) if at_a == 3 * face + (j + 1) % 3 else (bx, by)
+            turn = _angle(straight, _norm(side_x - dx, side_y - dy), _norm(side_x, side_y))
         _reach(mesh, d, before + straight, half_edge, turn, value, start)
     if left_of_right:
         edge_x, edge_y = (dx, dy) if right_of_left else (left_x, left_y)
@@ -111,7 +114,7 @@ def _cross(mesh, event, value, start):
         _add_window(mesh, at_a, d, b, dx, dy, bx, by, edge_x, edge_y, left_x, left_y, before, value, start)
 
 
-@kernel
+@inlined
 def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x, left_y, before, value, start):
     """Let the window over `half_edge` wait, unless paths along the side to its ends are shorter everywhere."""
     _, twins, _, _, _, _ = mesh
@@ -142,7 +145,7 @@ def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x,
         twin = twins[twin]
 
 
-@kernel
+@inlined
 def _reach(mesh, vertex, distance, corner, turn, value, start):
     """Lower the distance of a vertex, reached in `corner`, `turn` away from the side to that one's next corner."""
     around = mesh[5]
@@ -155,14 +158,14 @@ def _reach(mesh, vertex, distance, corner, turn, value, start):
         counters[_SEEDS] += 1
     value[vertex] = lower
     event = counters[_EVENTS]
-    if around[vertex] > 2.0 * np.pi + SADDLE and event < len(keys):
+    if around[vertex] > _FLAT and event < len(keys):
         events[event, 0], events[event, 1] = -1 - corner, vertex
         shapes[event, 0] = turn
         counters[_EVENTS] = event + 1
         counters[_WAITING] = _insert(keys, items, counters[_WAITING], distance, event)
 
 
-@kernel
+@inlined
 def _bend(mesh, event, distance, value, start):
     """Open a vertex as a pseudo-source: into the shadow behind it, more than half a turn from where the path came.
 
@@ -197,16 +200,17 @@ def _bend(mesh, event, distance, value, start):
         side = at_w
 
 
-@kernel
+@inlined
 def _open_fan(mesh, vertex, distance, value, start):
     """Reach all neighbours of a vertex, and open windows over the sides opposite it."""
-    faces, _, lengths, starts, corners, _ = mesh
+    faces, _, lengths, starts, corners, around = mesh
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]
         face, i = side // 3, side % 3
         at_a, at_b = 3 * face + (i + 1) % 3, 3 * face + (i + 2) % 3
         to_a, to_b, across = np.float64(lengths[at_b]), np.float64(lengths[at_a]), np.float64(lengths[side])
-        whole = _angle(to_a, across, to_b) if to_a > 0.0 and across > 0.0 else 0.0
+        saddle = around[faces[face, at_a % 3]] > _FLAT and to_a > 0.0 and across > 0.0
+        whole = _angle(to_a, across, to_b) if saddle else 0.0
         _reach(mesh, faces[face, at_a % 3], distance + to_a, at_a, whole, value, start)
         _reach(mesh, faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
     for index in range(starts[vertex], starts[vertex + 1]):
@@ -220,7 +224,7 @@ def _open_fan(mesh, vertex, distance, value, start):
             _add_window(mesh, side, a, b, to_a, 0.0, x, y, to_a, 0.0, x, y, distance, value, start)
 
 
-@kernel
+@inlined
 def _insert(keys, items, size, key, item):
     """Insert into a binary heap of `size` items; return its new size."""
     place = size
@@ -234,7 +238,7 @@ def _insert(keys, items, size, key, item):
     return size + 1
 
 
-@kernel
+@inlined
 def _drop_first(keys, items, size):
     """Remove the least item of a binary heap; return its new size."""
     size -= 1

@@ -41,6 +41,7 @@ SLOTS: Final = 8
 A, B, P, AX, BX, BY, PX, PY = range(8)  # the rows of a block
 BLOCK_BYTES: Final = 8 * SLOTS * 4
 LINE_BYTES: Final = 64  # of a cache line
+_MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are offered to
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,10 @@ def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: fl
     _fill(mesh.arrays, starts, around, order, place, first, corners, shapes, filled)
     if intrinsic.given_changed.any():
         given_starts, given_around = _corners_of_vertices(given.faces, count)
-        _fill_up(given.arrays, given_starts, given_around, order, place, first, corners, shapes, filled)
+        _fill_up(
+            given.arrays, intrinsic.given_changed, given_starts, given_around, order, place, first, corners, shapes,
+            filled,
+        )  # fmt: skip
     starts, around = _placed_corners(mesh.faces, starts, around, order)
     angles = _angles_around(mesh.arrays, starts, around)
     triangles = place[mesh.faces], mesh.twins, mesh.lengths.astype(np.float32), starts, around, angles
@@ -285,39 +289,56 @@ def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
 
 
 @kernel
-def _fill_up(mesh, starts, around, order, place, first, corners, shapes, filled):
-    """Put triangles that are no more into slots that are empty, those that see the farthest first."""
-    nothing = len(order)
-    taken = np.zeros(2 * SLOTS, np.int32)
+def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes, filled):
+    """Put given triangles that are no more into slots that are empty, those that see the farthest first."""
+    touched = _touched(mesh, changed, len(order))
+    ends, places = np.empty((_MOST_TRIED, 3), np.int32), np.empty((_MOST_TRIED, 5), np.float32)
     for rank in range(len(order)):
         c = order[rank]
         slot, room = filled[rank], SLOTS * (first[rank + 1] - first[rank])
-        tried = 0
-        while slot < room and tried < len(taken):
-            best, far = -1, -1.0
-            for index in range(starts[c], starts[c + 1]):
-                a, b, p, ax, bx, by, px, py = _slot_of(mesh, around[index])
-                known = p < 0
-                for k in range(tried):
-                    known |= taken[k] == around[index]
-                if not known and px * px + py * py > far:
-                    best, far = around[index], px * px + py * py
-            if best < 0:
-                break
-            taken[tried] = best
-            tried += 1
-            a, b, p, ax, bx, by, px, py = _slot_of(mesh, best)
-            new = True
-            for old in range(slot):
-                block, lane = first[rank] + old // SLOTS, old % SLOTS
-                new &= (
-                    corners[block, A, lane] != place[a]
-                    or corners[block, B, lane] != place[b]
-                    or corners[block, P, lane] != place[p]
-                )
-            if new:
-                block, lane = first[rank] + slot // SLOTS, slot % SLOTS
-                corners[block, A, lane], corners[block, B, lane], corners[block, P, lane] = place[a], place[b], place[p]
-                shapes[block, AX, lane], shapes[block, BX, lane], shapes[block, BY, lane] = ax, bx, by
-                shapes[block, PX, lane], shapes[block, PY, lane] = px, py
-                slot += 1
+        if not touched[c] or slot == room:
+            continue
+        count = 0
+        for index in range(starts[c], min(starts[c + 1], starts[c] + _MOST_TRIED)):
+            a, b, p, ax, bx, by, px, py = _slot_of(mesh, around[index])
+            if p >= 0 and _is_new(corners, first[rank], slot, place[a], place[b], place[p]):
+                ends[count, 0], ends[count, 1], ends[count, 2] = place[a], place[b], place[p]
+                places[count, 0], places[count, 1], places[count, 2] = ax, bx, by
+                places[count, 3], places[count, 4] = px, py
+                count += 1
+        while slot < room and count > 0:
+            best = 0
+            for k in range(1, count):
+                if places[k, 3] ** 2 + places[k, 4] ** 2 > places[best, 3] ** 2 + places[best, 4] ** 2:
+                    best = k
+            block, lane = first[rank] + slot // SLOTS, slot % SLOTS
+            for row in range(3):
+                corners[block, row, lane] = ends[best, row]
+                ends[best, row] = ends[count - 1, row]
+            for row in range(5):
+                shapes[block, AX + row, lane] = places[best, row]
+                places[best, row] = places[count - 1, row]
+            slot += 1
+            count -= 1
+
+
+@kernel
+def _touched(mesh, changed, count):
+    """Say which vertices have a slot among the given triangles that the intrinsic ones may not have, (count,)."""
+    faces, twins, _, _ = mesh
+    touched = np.zeros(count, np.bool_)
+    for face in range(len(faces)):
+        for i in range(3):
+            twin = twins[3 * face + i]
+            if changed[face] or (twin >= 0 and changed[twin // 3]):
+                touched[faces[face, i]] = True
+    return touched
+
+
+@kernel
+def _is_new(corners, block, size, a, b, p):
+    for slot in range(size):
+        at, lane = block + slot // SLOTS, slot % SLOTS
+        if corners[at, A, lane] == a and corners[at, B, lane] == b and corners[at, P, lane] == p:
+            return False
+    return True

@@ -53,6 +53,9 @@ REFINEMENT_STEPS: Final = 200
 START_EVENTS: Final = 256
 """Windows and pseudo-sources that the exact start of a front goes through: some four rings of vertices."""
 
+START_RADIUS: Final = 3.0
+"""Radius, in median edges, below which the exact start goes on for up to three times as many."""
+
 SPREAD_EVENTS: Final = 64
 """The same where many fronts share a surface, each with a small part of it."""
 

@@ -9,7 +9,7 @@ from unbend.geodesics.marching import UNREACHED, front_arrays, march
 from unbend.geodesics.start import start_arrays, start_front
 from unbend.geodesics.stencils import SLOTS, Stencils
 from unbend.jit import kernel
-from unbend.tolerances import PLANAR_START, PLANAR_START_EDGES, SPREAD_EVENTS, START_EVENTS
+from unbend.tolerances import PLANAR_START, PLANAR_START_EDGES, SPREAD_EVENTS, START_EVENTS, START_RADIUS
 
 
 def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *, spherical: bool) -> None:
@@ -34,7 +34,7 @@ def _march_each(stencils, triangles, unit, sources, columns, rows, disc, limit, 
     seeds, values = start[0], front[0]
     for row in range(len(sources)):
         values[:] = UNREACHED
-        seeded, exact = start_front(triangles, sources[row], START_EVENTS, np.inf, values, start)
+        seeded, exact = start_front(triangles, sources[row], START_EVENTS, START_RADIUS, np.inf, values, start)
         march(stencils, seeds[:seeded], exact, limit, disc, width, reached, front)
         for column in range(len(columns)):
             rows[row, column] = values[columns[column]] * unit
@@ -63,7 +63,7 @@ def spread(stencils, triangles, source, label, disc, distance, owner, reached, w
     Voronoi diagram.
     """
     seeds, values = start[0], front[0]
-    seeded, exact = start_front(triangles, source, SPREAD_EVENTS, distance[source], values, start)
+    seeded, exact = start_front(triangles, source, SPREAD_EVENTS, 0.0, distance[source], values, start)
     size = march(stencils, seeds[:seeded], exact, distance, disc, width, reached, front)
     for index in range(size):
         v = reached[index]

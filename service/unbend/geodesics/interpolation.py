@@ -59,7 +59,7 @@ def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float,
 def _spread_values(stencils, triangles, sources, values, radius, disc, limit, total, weight, reached, width, start, front):
     seeds, distance = start[0], front[0]
     for row in range(len(sources)):
-        seeded, exact = start_front(triangles, sources[row], SPREAD_EVENTS, radius, distance, start)
+        seeded, exact = start_front(triangles, sources[row], SPREAD_EVENTS, 0.0, radius, distance, start)
         size = march(stencils, seeds[:seeded], exact, limit, disc, width, reached, front)
         for index in range(size):
             v = reached[index]

@@ -108,7 +108,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             continue
 
         for block in range(first[v], first[v + 1]):
-            if first[v + 1] - first[v] > 1:
+            if settled or first[v + 1] - first[v] > 1:  # else they are those of the update
                 for slot in range(SLOTS):
                     slots[A, slot] = values[corners[block, A, slot]]
                     slots[P, slot] = values[corners[block, P, slot]]

@@ -17,8 +17,11 @@ from unbend.geodesics.unfolding import apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import SADDLE, START_EVENTS
 
-_ROOM: Final = 32 * START_EVENTS  # for windows; a source with more triangles starts with fewer exact distances
+_ROOM: Final = 16 * START_EVENTS  # for events; a source with more triangles starts with no distances that stay
+_NEW: Final = 16  # events that one event may make, where no more than eight triangles meet at an edge
+_NEARLY: Final = 1.1  # by measurement, what is found this little beyond the radius errs less than what marching finds
 _FILTERED: Final = 1.0 - 1e-6  # distances are kept in single precision
+_GRAZING: Final = 1e-6  # a ray that misses a vertex by this share of the distance meets it
 _STRAIGHT: Final = np.pi
 _FLAT: Final = 2.0 * np.pi + SADDLE
 
@@ -38,13 +41,13 @@ _EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in th
 
 
 @kernel
-def start_front(mesh, source, most, horizon, value, start):
+def start_front(mesh, source, enough, wanted, horizon, value, start):
     """Set `value` along shortest paths from `source`; return how many vertices that reached, and the exact radius.
 
     A *window* is a side (A, B) of a triangle, laid into the plane of the source or of a *pseudo-source*, a vertex where
     shortest paths bend, with the rays between which that sees it. Windows go on over every other triangle at the side.
-    Vertices reached are listed in `seeds`. Nothing beyond `horizon` is looked at,
-    and no more than `most` events.
+    Vertices reached are listed in `seeds`. After `enough` events only those go on that have not come as far as the radius
+    `wanted`, and after three times as many none; nothing beyond `horizon` is looked at.
     """
     seeds, events, shapes, keys, items, counters = start
     counters[:] = 0
@@ -52,8 +55,10 @@ def start_front(mesh, source, most, horizon, value, start):
     seeds[0] = source
     counters[_SEEDS] = 1
     _open_fan(mesh, source, 0.0, value, start)
-    for _ in range(most):
-        if counters[_WAITING] == 0 or keys[0] > horizon or counters[_EVENTS] + 16 > len(keys):
+    for done in range(3 * enough):
+        if counters[_WAITING] == 0 or keys[0] > horizon or counters[_EVENTS] + _NEW > len(keys):
+            break
+        if done >= enough and keys[0] > wanted:
             break
         key, event = keys[0], items[0]
         counters[_WAITING] = _drop_first(keys, items, counters[_WAITING])
@@ -62,9 +67,9 @@ def start_front(mesh, source, most, horizon, value, start):
         elif np.float32(key) <= value[events[event, 1]]:  # not reached on a shorter way since
             _bend(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
-    if counters[_EVENTS] + 16 > len(keys):
-        radius = min(radius, 0.0)
-    return counters[_SEEDS], radius
+    if counters[_EVENTS] + _NEW > len(keys):  # some were not kept
+        radius = 0.0
+    return counters[_SEEDS], _NEARLY * radius
 
 
 @inlined
@@ -98,9 +103,10 @@ def _cross(mesh, event, value, start):
         return
     x, y = apex(np.float64(lengths[at_b]), np.float64(lengths[at_a]), base)
     dx, dy = apex_beyond(ax, ay, bx, by, x, y, base)
-    left_of_right = right_x * dy - right_y * dx >= 0.0
-    right_of_left = dx * left_y - dy * left_x >= 0.0
-    if left_of_right and right_of_left:
+    beside_right, beside_left = right_x * dy - right_y * dx, dx * left_y - dy * left_x
+    left_of_right, right_of_left = beside_right >= 0.0, beside_left >= 0.0
+    least = -_GRAZING * (abs(dx) + abs(dy))
+    if beside_right >= least * (abs(right_x) + abs(right_y)) and beside_left >= least * (abs(left_x) + abs(left_y)):
         straight, turn = _norm(dx, dy), 0.0
         if around[d] > _FLAT and straight > 0.0:
             side_x, side_y = (ax, ay) if at_a == 3 * face + (j + 1) % 3 else (bx, by)

@@ -21,7 +21,7 @@ LONGEST_EDGE: Final = 1e9
 """Longest edge, in median ones, of a surface whose squared distances single precision can hold."""
 
 MOLLIFIED: Final = 1e-6
-"""By how much, in median edges, two sides of a triangle exceed the third before edges are flipped (Sharp & Crane 2020)."""
+"""By how much, in median edges, two sides of a triangle exceed the third before flips (Sharp & Crane 2020)."""
 
 DELAUNAY: Final = 1e-9
 """An edge is flipped where the cotangents opposite it sum to less than minus this: squares are left as they are."""
@@ -30,10 +30,10 @@ FLIPS: Final = 100
 """Flips a face at most. Lawson's flips end by themselves; rounding on triangles without an area need not."""
 
 THIN_ANGLE: Final = 10.0
-"""Degrees below which a corner of an intrinsic triangle is always refined; of scanned surfaces 1 % of faces have one."""
+"""Degrees below which a corner of an intrinsic triangle is always refined; 1 % of a scan's faces have one."""
 
 ROUND_ANGLE: Final = 25.0
-"""Degrees to which a stretched surface is refined. Delaunay refinement ends for certain up to 20.7, in practice to 30."""
+"""Degrees to which a stretched surface is refined. Refinement surely ends up to 20.7, in practice up to 30."""
 
 STRETCHED_SHARE: Final = 0.03
 """A surface of which more faces than this have a corner below `THIN_ANGLE`, after all flips, is a stretched one."""

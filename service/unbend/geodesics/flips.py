@@ -1,7 +1,7 @@
 """The intrinsic Delaunay triangulation of a polyhedral surface, by edge flips on lengths (Fisher et al. 2007).
 
-A flip cuts the two triangles at an edge along the other diagonal of their quadrilateral, laid into the plane. The surface
-and all distances on it stay as they are; the triangles become as round as the vertices allow.
+A flip cuts the two triangles at an edge along the other diagonal of their quadrilateral, laid into the plane. The
+surface and all distances on it stay as they are; the triangles become as round as the vertices allow.
 """
 
 from __future__ import annotations

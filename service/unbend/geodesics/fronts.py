@@ -19,7 +19,7 @@ def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *
     """
     count = stencils.vertex_count
     _march_each(
-        stencils.arrays, stencils.triangles, stencils.unit, sources, columns, rows, spherical_radius(stencils, spherical=spherical),
+        stencils.arrays, stencils.unit, sources, columns, rows, spherical_radius(stencils, spherical=spherical),
         np.full(count, UNREACHED), np.empty(count, np.int32), SLOTS, start_arrays(count), front_arrays(count),
     )  # fmt: skip
 
@@ -30,12 +30,13 @@ def spherical_radius(stencils: Stencils, *, spherical: bool) -> float:
 
 
 @kernel
-def _march_each(stencils, triangles, unit, sources, columns, rows, disc, limit, reached, width, start, front):
+def _march_each(stencils, unit, sources, columns, rows, disc, limit, reached, width, start, front):
+    slots, triangles = stencils
     seeds, values = start[0], front[0]
     for row in range(len(sources)):
         values[:] = UNREACHED
         seeded, exact = start_front(triangles, sources[row], START_EVENTS, START_RADIUS, np.inf, values, start)
-        march(stencils, seeds[:seeded], exact, limit, disc, width, reached, front)
+        march(slots, seeds[:seeded], exact, limit, disc, width, reached, front)
         for column in range(len(columns)):
             rows[row, column] = values[columns[column]] * unit
 
@@ -56,15 +57,16 @@ def raise_to_straight(points, sources, columns, rows):
 
 
 @kernel
-def spread(stencils, triangles, source, label, disc, distance, owner, reached, width, start, front):
+def spread(stencils, source, label, disc, distance, owner, reached, width, start, front):
     """March from `source` where it is nearer than the sources before; update `distance`, and `owner` with `label`.
 
     So many sources cost little more than a few whole fronts, and where the fronts meet lie the borders of the geodesic
     Voronoi diagram.
     """
+    slots, triangles = stencils
     seeds, values = start[0], front[0]
     seeded, exact = start_front(triangles, source, SPREAD_EVENTS, 0.0, distance[source], values, start)
-    size = march(stencils, seeds[:seeded], exact, distance, disc, width, reached, front)
+    size = march(slots, seeds[:seeded], exact, distance, disc, width, reached, front)
     for index in range(size):
         v = reached[index]
         if values[v] < distance[v]:

@@ -17,6 +17,9 @@ from unbend.geodesics.unfolding import half_edge_lengths
 from unbend.jit import inlined, kernel
 from unbend.mesh.surface import Surface
 
+Mesh = tuple[Ints, Ints, Floats, NDArray[np.uint8]]
+"""What kernels read and write: faces, twins, lengths, free."""
+
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
@@ -29,8 +32,8 @@ class HalfEdges:
     vertex_count: int
 
     @property
-    def arrays(self) -> tuple[Ints, Ints, Floats, NDArray[np.uint8]]:
-        """What kernels read and write: faces, twins, lengths, free."""
+    def arrays(self) -> Mesh:
+        """The arrays alone."""
         return self.faces, self.twins, self.lengths, self.free
 
 
@@ -38,7 +41,8 @@ def half_edges_of(surface: Surface, unit: float) -> HalfEdges:
     """Return the triangles of `surface` as they are, oriented, with lengths in units of `unit`: O(n + m)."""
     twins = surface.edges.twins()
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces) * (surface.scale / unit)
-    turned = _turned(surface.faces, twins, np.zeros(len(surface.faces), np.int8), np.empty(len(surface.faces), np.int32))
+    count = len(surface.faces)
+    turned = _turned(surface.faces, twins, np.zeros(count, np.int8), np.empty(count, np.int32))
     faces, twins, lengths = _oriented(surface.faces, twins, lengths, turned)
     return HalfEdges(faces, twins, lengths, _free(faces, twins), len(surface.vertices))
 

@@ -44,7 +44,7 @@ def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float,
     total, weight = np.zeros((count, values.shape[1])), np.zeros(count)
     radius = reach / stencils.unit
     _spread_values(
-        stencils.arrays, stencils.triangles, stencils.place[samples], values, radius,
+        stencils.arrays, stencils.place[samples], values, radius,
         spherical_radius(stencils, spherical=update == "spherical"), np.full(count, np.float32(radius)), total, weight,
         np.empty(count, np.int32), SLOTS, start_arrays(count), front_arrays(count),
     )  # fmt: skip
@@ -56,11 +56,12 @@ def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float,
 
 
 @kernel
-def _spread_values(stencils, triangles, sources, values, radius, disc, limit, total, weight, reached, width, start, front):
+def _spread_values(stencils, sources, values, radius, disc, limit, total, weight, reached, width, start, front):
+    slots, triangles = stencils
     seeds, distance = start[0], front[0]
     for row in range(len(sources)):
         seeded, exact = start_front(triangles, sources[row], SPREAD_EVENTS, 0.0, radius, distance, start)
-        size = march(stencils, seeds[:seeded], exact, limit, disc, width, reached, front)
+        size = march(slots, seeds[:seeded], exact, limit, disc, width, reached, front)
         for index in range(size):
             v = reached[index]
             share = max(distance[v] / radius, _NEAR)

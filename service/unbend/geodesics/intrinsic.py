@@ -8,13 +8,13 @@ surface has the same distances and better triangles: flips make it Delaunay, Ste
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from unbend.arrays import Bools, Floats, Ints
 from unbend.geodesics.flips import flip_to_delaunay, mollified
-from unbend.geodesics.halfedges import HalfEdges
+from unbend.geodesics.halfedges import HalfEdges, Mesh
 from unbend.geodesics.refinement import largest_cosine, refine
 from unbend.jit import kernel
 from unbend.tolerances import MOST_STEINER, NARROW, ROUND_ANGLE, STEINER_FLOOR, STRETCHED_SHARE, THIN_ANGLE
@@ -25,58 +25,70 @@ class Intrinsic:
     """An intrinsic triangulation."""
 
     half_edges: HalfEdges
-    changed: Bools  # (m,) faces that are not, corner by corner, among the given ones
-    given_changed: Bools  # (m0,) the same of the given faces: they are no more
+    changed: NDArray[np.uint8]  # (m,) 1 for each given face that is no more
 
 
 def intrinsic_triangulation(given: HalfEdges) -> Intrinsic:
-    """Return the triangulation that marching runs on; the given one, uncopied, where that is as good.
+    """Return the triangulation that marching runs on; the given one itself where that is as good.
 
     Vertices keep their numbers, Steiner points follow them. The worst corners are always refined; where many are thin
     even after all flips, as on CAD models and steep height maps, every corner is.
     """
     count = len(given.faces)
     lengths = mollified(given.lengths)
-    mesh = (given.faces.copy(), given.twins.copy(), lengths.copy(), given.free.copy())
-    waiting = np.flatnonzero(given.free & (given.twins > np.arange(3 * count))).astype(np.int32)
-    room, queued = np.empty(3 * count, np.int32), np.zeros(3 * count, np.uint8)
-    room[: len(waiting)], queued[waiting] = waiting, 1
+    mesh = given.faces.copy(), given.twins.copy(), lengths.copy(), given.free.copy()
+    waiting, queued = np.empty(3 * count, np.int32), np.zeros(3 * count, np.uint8)
+    once = np.flatnonzero(given.free & (given.twins > np.arange(3 * count)))
+    waiting[: len(once)], queued[once] = once, 1
     changed = np.zeros(count, np.uint8)
-    flip_to_delaunay(mesh, room, queued, len(waiting), changed)
-    given_changed = changed.view(bool)
-    thin = _count_thin(mesh[2], np.cos(np.radians(THIN_ANGLE)))
-    if thin == 0:
-        if not given_changed.any() and lengths is given.lengths:
-            return Intrinsic(given, given_changed, given_changed)
-        return Intrinsic(HalfEdges(*mesh, given.vertex_count), given_changed, given_changed)
-    angle = ROUND_ANGLE if thin > STRETCHED_SHARE * count else THIN_ANGLE
-    refined, all_changed = _refined(mesh, given.vertex_count, angle, changed)
-    return Intrinsic(refined, all_changed.view(bool), given_changed)
+    flip_to_delaunay(mesh, waiting, queued, len(once), changed)
+    thin = _count_thin(mesh[2], _cosine(THIN_ANGLE))
+    if thin:
+        angle = ROUND_ANGLE if thin > STRETCHED_SHARE * count else THIN_ANGLE
+        refined, changed = _refined(mesh, given.vertex_count, angle, thin, changed)
+        return Intrinsic(refined, changed[:count])
+    if changed.any() or lengths is not given.lengths:
+        return Intrinsic(HalfEdges(*mesh, given.vertex_count), changed)
+    return Intrinsic(given, changed)
 
 
 def _refined(
-    mesh: tuple[Ints, Ints, Floats, NDArray[np.uint8]], vertices: int, angle: float, changed: NDArray[np.uint8]
+    mesh: Mesh, vertices: int, angle: float, thin: int, changed: NDArray[np.uint8]
 ) -> tuple[HalfEdges, NDArray[np.uint8]]:
-    """Refine until no angle is below `angle` degrees, as far as the number of Steiner points allows."""
-    count, most = len(mesh[0]), int(MOST_STEINER * vertices) + STEINER_FLOOR
-    larger = count + 2 * most
-    faces, twins, lengths, free = mesh
-    roomy = (_grown(faces, larger), _grown(twins, 3 * larger), _grown(lengths, 3 * larger), _grown(free, 3 * larger))
-    narrow = np.zeros(vertices + most, bool)
-    narrow[:vertices] = _angle_sums(faces, lengths, vertices) < np.radians(NARROW)
-    work = np.empty(3 * larger, np.int32), np.zeros(3 * larger, np.uint8), np.empty(4 * larger, np.int32)
-    grown = _grown(changed, larger)
-    faces_now, vertices_now = refine(
-        roomy, count, vertices, vertices + most, np.cos(np.radians(angle)), narrow, work, grown
-    )
-    cut = (array[: (1 if array.ndim == 2 else 3) * faces_now].copy() for array in roomy)
-    return HalfEdges(*cut, vertices_now), grown[:faces_now]
+    """Refine until no angle is below `angle` degrees, as far as the number of Steiner points allows.
+
+    Room is made as it is needed: all that may come would be several times the mesh.
+    """
+    count, now, most = len(mesh[0]), vertices, vertices + int(MOST_STEINER * vertices) + STEINER_FLOOR
+    narrow = _angle_sums(mesh[0], mesh[2], vertices) < np.radians(NARROW)
+    extra = 4 * thin + 64
+    while True:
+        room, limit = count + 2 * extra, min(most, now + extra)
+        mesh = (
+            _longer(mesh[0], room),
+            _longer(mesh[1], 3 * room),
+            _longer(mesh[2], 3 * room),
+            _longer(mesh[3], 3 * room),
+        )
+        work = np.empty(3 * room, np.int32), np.zeros(3 * room, np.uint8), np.empty(4 * room, np.int32)
+        changed = _longer(changed, room)
+        count, now = refine(mesh, count, now, limit, _cosine(angle), _longer(narrow, limit), work, changed)
+        if now < limit or now == most:
+            faces, twins, lengths, free = mesh
+            sides = twins[: 3 * count].copy(), lengths[: 3 * count].copy(), free[: 3 * count].copy()
+            return HalfEdges(faces[:count].copy(), *sides, now), changed
+        extra *= 4
 
 
-def _grown(array: NDArray[np.generic], length: int) -> NDArray[np.generic]:
-    larger = np.zeros((length, *array.shape[1:]), array.dtype)
-    larger[: len(array)] = array
-    return larger
+def _cosine(degrees: float) -> float:
+    return float(np.cos(np.radians(degrees)))
+
+
+def _longer(array: Any, length: int) -> Any:
+    """Return an array with zeros added until it has `length` rows."""
+    longer = np.zeros((length, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
+    return longer
 
 
 @kernel

@@ -1,9 +1,8 @@
-"""Intrinsic Delaunay refinement: Steiner points at the circumcentres of the thinnest triangles (Chew 1993; Sharp, Soliman
-& Crane 2019).
+"""Intrinsic Delaunay refinement: Steiner points at the circumcentres of thin triangles (Chew 1993; Sharp et al. 2019).
 
 Where vertices are few and far apart, as on the faces of CAD models, even Delaunay triangles are thin, and a front that
-crosses them is known at too few places. New vertices make them round. They lie on the surface, at the place that lengths
-alone describe, and nobody but the marching sees them.
+crosses them is known at too few places. New vertices make them round. They lie on the surface, at a place that lengths
+alone describe, and only marching sees them.
 """
 
 from __future__ import annotations
@@ -34,8 +33,8 @@ def largest_cosine(a, b, c):
 def refine(mesh, face_count, vertex_count, most, bound, narrow, work, changed):
     """Insert vertices until no smallest angle has a cosine above `bound`, or there are `most` vertices.
 
-    The arrays of `mesh` have room for that; `narrow` marks vertices around which less than a right angle lies, whose
-    triangles stay thin whatever is done. Returns the numbers of faces and vertices.
+    The arrays of `mesh` have room for that. Triangles stay thin at vertices that are `narrow`, whatever is inserted.
+    Returns the numbers of faces and vertices.
     """
     faces, _, lengths, _ = mesh
     waiting, queued, todo = work

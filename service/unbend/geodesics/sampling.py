@@ -101,7 +101,7 @@ def _sample(
     for begin in range(0, count, _AT_A_TIME):
         end = min(count, begin + _AT_A_TIME)
         vertex = _sample_on(
-            stencils.arrays, stencils.triangles, free, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
+            stencils.arrays, free, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
         )
         if progress:
             progress(end)
@@ -109,12 +109,12 @@ def _sample(
 
 
 @kernel
-def _sample_on(stencils, triangles, free, vertex, begin, end, samples, distance, owner, reached, width, start, front):
+def _sample_on(stencils, free, vertex, begin, end, samples, distance, owner, reached, width, start, front):
     """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the one that would be next."""
     for number in range(begin, end):
         samples[number] = vertex
         free[vertex] = False
-        spread(stencils, triangles, vertex, number, np.inf, distance, owner, reached, width, start, front)
+        spread(stencils, vertex, number, np.inf, distance, owner, reached, width, start, front)
         vertex = _farthest(distance, free)
     return vertex
 

@@ -46,10 +46,10 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
 
     A *window* is a side (A, B) of a triangle, laid into the plane of the source or of a *pseudo-source*, a vertex where
     shortest paths bend, with the rays between which that sees it. Windows go on over every other triangle at the side.
-    Vertices reached are listed in `seeds`. After `enough` events only those go on that have not come as far as the radius
-    `wanted`, and after three times as many none; nothing beyond `horizon` is looked at.
+    Vertices reached are listed in `seeds`. The search ends after `enough` events, or up to three times as many where it
+    has not come as far as the radius `wanted` by then; nothing beyond `horizon` is looked at.
     """
-    seeds, events, shapes, keys, items, counters = start
+    seeds, events, _, keys, items, counters = start
     counters[:] = 0
     value[source] = 0.0
     seeds[0] = source

@@ -44,6 +44,12 @@ LINE_BYTES: Final = 64  # of a cache line
 _MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are offered to
 
 
+Triangles = tuple[Ints, Ints, NDArray[np.float32], Ints, Ints, NDArray[np.float32]]
+"""What `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and corners
+(3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,), inf where those are no single
+closed fan."""
+
+
 @dataclass(frozen=True, eq=False)
 class Stencils:
     """All slots of a surface, and the triangles they were made of.
@@ -58,9 +64,7 @@ class Stencils:
     shapes: NDArray[np.float32]  # the same memory: rows AX to PY, coordinates of A, B and P
     place: Ints  # (n,) int32
     unit: float  # length of the median edge
-    triangles: tuple[Ints, Ints, NDArray[np.float32], Ints, Ints, NDArray[np.float32]]
-    """What `start` reads: faces (m, 3), twins and lengths of half-edges, corners around each vertex as
-    corners[starts[v]:starts[v + 1]], and the angle there, inf where the corners are no single closed fan."""
+    triangles: Triangles
     points: Floats  # (n, 3): the surface's vertices, as it numbers them and in its units
 
     @property
@@ -74,9 +78,9 @@ class Stencils:
         return len(self.triangles[0])
 
     @property
-    def arrays(self) -> tuple[Ints, Ints, NDArray[np.float32]]:
-        """What marching reads: first, corners, shapes."""
-        return self.first, self.corners, self.shapes
+    def arrays(self) -> tuple[tuple[Ints, Ints, NDArray[np.float32]], Triangles]:
+        """What kernels read: first, corners and shapes for `march`, the triangles for `start_front`."""
+        return (self.first, self.corners, self.shapes), self.triangles
 
 
 _built: WeakKeyDictionary[Surface, Stencils] = WeakKeyDictionary()
@@ -109,13 +113,13 @@ def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: fl
     corners, shapes = _empty_blocks(int(first[-1]), count)
     filled = np.zeros(count, np.int32)
     _fill(mesh.arrays, starts, around, order, place, first, corners, shapes, filled)
-    if intrinsic.given_changed.any():
+    if intrinsic.changed.any():
         given_starts, given_around = _corners_of_vertices(given.faces, count)
         _fill_up(
-            given.arrays, intrinsic.given_changed, given_starts, given_around, order, place, first, corners, shapes,
+            given.arrays, intrinsic.changed, given_starts, given_around, order, place, first, corners, shapes,
             filled,
         )  # fmt: skip
-    starts, around = _placed_corners(mesh.faces, starts, around, order)
+    starts, around = _placed_corners(starts, around, order)
     angles = _angles_around(mesh.arrays, starts, around)
     triangles = place[mesh.faces], mesh.twins, mesh.lengths.astype(np.float32), starts, around, angles
     return Stencils(first, corners, shapes, place[: len(surface.vertices)].copy(), unit, triangles, surface.vertices)
@@ -163,7 +167,7 @@ def _corners_of_vertices(faces, count):
 
 
 @kernel
-def _placed_corners(faces, starts, around, order):
+def _placed_corners(starts, around, order):
     """Return the corners around each vertex, with vertices in `order`."""
     new_starts, new_around = np.empty(len(starts), np.int32), np.empty(len(around), np.int32)
     size = 0
@@ -243,7 +247,10 @@ def _count_blocks(mesh, starts, around, order, first):
 
 @kernel
 def _slot_of(mesh, half_edge):
-    """Return the slot of the corner C opposite `half_edge`: A, B, P (-1 where nothing comes over AB), and their places."""
+    """Return the slot of the corner C opposite `half_edge`: A, B, P and their coordinates.
+
+    P is -1 where nothing comes over AB.
+    """
     faces, twins, lengths, _ = mesh
     face, corner = half_edge // 3, half_edge % 3
     a, b = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
@@ -252,8 +259,8 @@ def _slot_of(mesh, half_edge):
     bx, by = 0.0, from_b
     if from_a > 0.0:
         bx, by = apex(from_b, base, from_a)
-    # Over a boundary edge nothing comes, over one without length only what comes along CA, and a needle's far end is too
-    # far to tell directions by: no segments.
+    # Over a boundary edge nothing comes, over one without length only what comes along CA, and a needle's far end is
+    # too far to tell directions by: no segments.
     p, px, py = -1, 0.0, 0.0
     if twins[half_edge] >= 0 and base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b):
         if by > 0.0:

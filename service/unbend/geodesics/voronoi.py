@@ -50,7 +50,7 @@ def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "
     chosen = check_vertices(surface, sources, "sources")
     distance, owner = np.full(count, UNREACHED), np.full(count, -1, np.int32)
     _spread_each(
-        stencils.arrays, stencils.triangles, stencils.place[chosen], spherical_radius(stencils, spherical=update == "spherical"),
+        stencils.arrays, stencils.place[chosen], spherical_radius(stencils, spherical=update == "spherical"),
         distance, owner, np.empty(count, np.int32), SLOTS, start_arrays(count), front_arrays(count),
     )  # fmt: skip
     nearest = owner[stencils.place]
@@ -60,6 +60,6 @@ def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "
 
 
 @kernel
-def _spread_each(stencils, triangles, sources, disc, distance, owner, reached, width, start, front):
+def _spread_each(stencils, sources, disc, distance, owner, reached, width, start, front):
     for label in range(len(sources)):
-        spread(stencils, triangles, sources[label], label, disc, distance, owner, reached, width, start, front)
+        spread(stencils, sources[label], label, disc, distance, owner, reached, width, start, front)

@@ -20,7 +20,7 @@ NEEDLE: Final = 1e4
 LONGEST_EDGE: Final = 1e9
 """Longest edge, in median ones, of a surface whose squared distances single precision can hold."""
 
-MOLLIFIED: Final = 1e-6
+MOLLIFIED: Final = 1e-11
 """By how much, in median edges, two sides of a triangle exceed the third before flips (Sharp & Crane 2020)."""
 
 DELAUNAY: Final = 1e-9
@@ -46,6 +46,9 @@ MOST_STEINER: Final = 4.0
 
 STEINER_FLOOR: Final = 2000
 """Steiner points that any surface may have: CAD models have few vertices."""
+
+HOPELESS: Final = 1e-3
+"""A triangle whose shortest side is less than this share of its longest is not refined: it would take thousands."""
 
 REFINEMENT_STEPS: Final = 200
 """Triangles crossed in search of a circumcentre, which lies near its own in all but the first insertions."""

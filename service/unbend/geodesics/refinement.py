@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.geodesics.flips import flip_to_delaunay
-from unbend.geodesics.halfedges import relink, ring_before
+from unbend.geodesics.halfedges import before, following, relink, ring_before
 from unbend.geodesics.unfolding import apex, apex_beyond
 from unbend.jit import inlined, kernel
-from unbend.tolerances import REFINEMENT_STEPS
+from unbend.tolerances import HOPELESS, REFINEMENT_STEPS
 
 _LOST = -1  # what `_walk` says of a circumcentre that it does not find
-_CLOSE = 0.3  # of the shortest side: a new vertex as near to an old one would make a thinner triangle
 
 
 @inlined
@@ -49,7 +48,7 @@ def refine(mesh, face_count, vertex_count, most, bound, narrow, work, changed):
         a, b, c = lengths[3 * face], lengths[3 * face + 1], lengths[3 * face + 2]
         shortest = min(a, b, c)
         sharp = 0 if shortest == a else (1 if shortest == b else 2)
-        if not largest_cosine(a, b, c) > bound or narrow[faces[face, sharp]]:
+        if not largest_cosine(a, b, c) > bound or narrow[faces[face, sharp]] or shortest < HOPELESS * max(a, b, c):
             continue
         first, second = _insert_circumcentre(mesh, face, shortest, face_count, vertex_count)
         if first < 0:
@@ -100,21 +99,29 @@ def _list_around(mesh, corner, vertex, todo, left):
 
 @kernel
 def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
-    """Insert the circumcentre of `face`, or halve the boundary edge before it.
+    """Insert the circumcentre of `face`, or halve the boundary edge before it, if no edge becomes shorter than `shortest`.
 
-    Returns the face that was split and the second new one beside `new_face`; -1 where nothing was done.
+    Among Delaunay triangles a circumcentre is nearer to no vertex than to the corners of its triangle, so what is refused
+    there is rounding's work; without the rule it would go on to edges without a length. Returns the face that was split and the second new one beside `new_face`; -1 where nothing was done.
     """
     _, twins, lengths, _ = mesh
     at, half_edge, d0, d1, d2 = _walk(mesh, face)
     if half_edge >= 0:
-        if twins[half_edge] >= 0 or lengths[half_edge] <= shortest:  # an edge of several faces stays as it is
+        middle = _median(lengths[half_edge], lengths[before(half_edge)], lengths[following(half_edge)])
+        if twins[half_edge] >= 0 or min(0.5 * lengths[half_edge], middle) < shortest:  # one of several faces stays
             return _LOST, _LOST
         _halve_boundary(mesh, half_edge, new_face, new_vertex)
         return half_edge // 3, half_edge // 3
-    if at < 0 or min(d0, d1, d2) < _CLOSE * shortest:
+    if at < 0 or min(d0, d1, d2) < shortest:
         return _LOST, _LOST
     _split(mesh, at, new_face, new_vertex, d0, d1, d2)
     return at, new_face + 1
+
+
+@inlined
+def _median(base, from_a, from_b):
+    """Length from a triangle's third corner to the middle of its base."""
+    return 0.5 * np.sqrt(max(0.0, 2.0 * (from_a * from_a + from_b * from_b) - base * base))
 
 
 @kernel
@@ -198,8 +205,7 @@ def _halve_boundary(mesh, half_edge, new_face, vertex):
     were_free = (free[old[0]], free[old[1]])
     beyond = (twins[old[0]], twins[old[1]])
     ahead = (ring_before(twins, old[0]), ring_before(twins, old[1]))
-    x, y = apex(sides[1], sides[0], 2.0 * half)
-    middle = np.sqrt((x - half) ** 2 + y * y)
+    middle = _median(lengths[half_edge], sides[1], sides[0])
     faces[f, 0], faces[f, 1], faces[f, 2] = c, a, vertex
     faces[new_face, 0], faces[new_face, 1], faces[new_face, 2] = c, vertex, b
     for k in range(2):

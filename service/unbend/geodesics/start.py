@@ -55,17 +55,17 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
     seeds[0] = source
     counters[_SEEDS] = 1
     _open_fan(mesh, source, 0.0, value, start)
-    for done in range(3 * enough):
-        if counters[_WAITING] == 0 or keys[0] > horizon or counters[_EVENTS] + _NEW > len(keys):
-            break
-        if done >= enough and keys[0] > wanted:
+    done = 0
+    while counters[_WAITING] > 0 and keys[0] <= horizon and counters[_EVENTS] + _NEW <= len(keys):
+        if done >= 3 * enough or (done >= enough and keys[0] > wanted):
             break
         key, event = keys[0], items[0]
         counters[_WAITING] = _drop_first(keys, items, counters[_WAITING])
         if events[event, 0] >= 0:
+            done += 1
             _cross(mesh, event, value, start)
         elif np.float32(key) <= value[events[event, 1]]:  # not reached on a shorter way since
-            _bend(mesh, event, key, value, start)
+            done += _leave(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
     if counters[_EVENTS] + _NEW > len(keys):  # some were not kept
         radius = 0.0
@@ -101,7 +101,7 @@ def _cross(mesh, event, value, start):
     base = _norm(bx - ax, by - ay)
     if not base > 0.0:
         return
-    x, y = apex(np.float64(lengths[at_b]), np.float64(lengths[at_a]), base)
+    x, y = apex(lengths[at_b], lengths[at_a], base)
     dx, dy = apex_beyond(ax, ay, bx, by, x, y, base)
     beside_right, beside_left = right_x * dy - right_y * dx, dx * left_y - dy * left_x
     left_of_right, right_of_left = beside_right >= 0.0, beside_left >= 0.0
@@ -111,7 +111,7 @@ def _cross(mesh, event, value, start):
         if around[d] > _FLAT and straight > 0.0:
             side_x, side_y = (ax, ay) if at_a == 3 * face + (j + 1) % 3 else (bx, by)
             turn = _angle(straight, _norm(side_x - dx, side_y - dy), _norm(side_x, side_y))
-        _reach(mesh, d, before + straight, half_edge, turn, value, start)
+        _reach(d, before + straight, half_edge, turn, value, start)
     if left_of_right:
         edge_x, edge_y = (dx, dy) if right_of_left else (left_x, left_y)
         _add_window(mesh, at_b, a, d, ax, ay, dx, dy, right_x, right_y, edge_x, edge_y, before, value, start)
@@ -152,9 +152,8 @@ def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x,
 
 
 @inlined
-def _reach(mesh, vertex, distance, corner, turn, value, start):
+def _reach(vertex, distance, corner, turn, value, start):
     """Lower the distance of a vertex, reached in `corner`, `turn` away from the side to that one's next corner."""
-    around = mesh[5]
     seeds, events, shapes, keys, items, counters = start
     lower = np.float32(distance)
     if not lower < value[vertex]:
@@ -164,7 +163,7 @@ def _reach(mesh, vertex, distance, corner, turn, value, start):
         counters[_SEEDS] += 1
     value[vertex] = lower
     event = counters[_EVENTS]
-    if around[vertex] > _FLAT and event < len(keys):
+    if event < len(keys):
         events[event, 0], events[event, 1] = -1 - corner, vertex
         shapes[event, 0] = turn
         counters[_EVENTS] = event + 1
@@ -172,35 +171,58 @@ def _reach(mesh, vertex, distance, corner, turn, value, start):
 
 
 @inlined
-def _bend(mesh, event, distance, value, start):
-    """Open a vertex as a pseudo-source: into the shadow behind it, more than half a turn from where the path came.
+def _leave(mesh, event, distance, value, start):
+    """Go on from a vertex along its edges, and where paths bend at it as from a source; say whether they do.
 
-    On a boundary, or where the angle around the vertex is no single fan, into every triangle.
+    Rays that graze a vertex are lost to rounding, so that the edges behind it would not be seen.
     """
+    faces, _, lengths, starts, corners, around = mesh
+    events = start[1]
+    vertex = events[event, 1]
+    if around[vertex] == np.inf:  # a boundary, or no single fan: into every triangle
+        _open_fan(mesh, vertex, distance, value, start)
+        return 1
+    for index in range(starts[vertex], starts[vertex + 1]):
+        face, i = corners[index] // 3, corners[index] % 3
+        at_a, at_b = 3 * face + (i + 1) % 3, 3 * face + (i + 2) % 3
+        if distance + lengths[at_b] < value[faces[face, at_a % 3]]:
+            turn = _turn_back(mesh, at_a, lengths[at_b], lengths[corners[index]], lengths[at_a])
+            _reach(faces[face, at_a % 3], distance + lengths[at_b], at_a, turn, value, start)
+    if around[vertex] > _FLAT:
+        _bend(mesh, event, distance, value, start)
+        return 1
+    return 0
+
+
+@inlined
+def _turn_back(mesh, corner, to_next, across, opposite):
+    """Angle in `corner` between its two sides, where it matters."""
+    faces, around = mesh[0], mesh[5]
+    saddle = around[faces[corner // 3, corner % 3]] > _FLAT and to_next > 0.0 and across > 0.0
+    return _angle(to_next, across, opposite) if saddle else 0.0
+
+
+@inlined
+def _bend(mesh, event, distance, value, start):
+    """Open windows into the shadow behind a vertex, more than half a turn from where the path came."""
     faces, twins, lengths, _, _, around = mesh
     _, events, shapes, _, _, _ = start
     vertex, corner = events[event, 1], -1 - events[event, 0]
-    if around[vertex] == np.inf:
-        _open_fan(mesh, vertex, distance, value, start)
-        return
     side, angle = 3 * (corner // 3) + (corner % 3 + 2) % 3, shapes[event, 0]
     end = around[vertex] - _STRAIGHT
     while angle < end:
         twin = twins[side]  # all faces around this vertex agree in orientation
         face, k = twin // 3, twin % 3
         at_w, at_vertex = 3 * face + (k + 1) % 3, 3 * face + (k + 2) % 3
-        w, u = faces[face, at_w % 3], faces[face, k]
-        to_w, to_u, across = np.float64(lengths[twin]), np.float64(lengths[at_w]), np.float64(lengths[at_vertex])
+        to_w, to_u, across = lengths[twin], lengths[at_w], lengths[at_vertex]
         if not (to_w > 0.0 and to_u > 0.0 and across > 0.0):
             return
         own = _angle(to_w, to_u, across)
         if angle + own > _STRAIGHT:
-            _reach(mesh, w, distance + to_w, at_w, 0.0, value, start)
-            _reach(mesh, u, distance + to_u, twin, _angle(to_u, across, to_w), value, start)
             right, left = max(0.0, _STRAIGHT - angle), min(own, end - angle)
             _add_window(
-                mesh, at_vertex, w, u, to_w, 0.0, to_u * np.cos(own), to_u * np.sin(own), np.cos(right), np.sin(right),
-                np.cos(left), np.sin(left), distance, value, start,
+                mesh, at_vertex, faces[face, at_w % 3], faces[face, k], to_w, 0.0, to_u * np.cos(own),
+                to_u * np.sin(own), np.cos(right), np.sin(right), np.cos(left), np.sin(left), distance, value, start,
             )  # fmt: skip
         angle += own
         side = at_w
@@ -209,23 +231,22 @@ def _bend(mesh, event, distance, value, start):
 @inlined
 def _open_fan(mesh, vertex, distance, value, start):
     """Reach all neighbours of a vertex, and open windows over the sides opposite it."""
-    faces, _, lengths, starts, corners, around = mesh
+    faces, _, lengths, starts, corners, _ = mesh
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]
         face, i = side // 3, side % 3
         at_a, at_b = 3 * face + (i + 1) % 3, 3 * face + (i + 2) % 3
-        to_a, to_b, across = np.float64(lengths[at_b]), np.float64(lengths[at_a]), np.float64(lengths[side])
-        saddle = around[faces[face, at_a % 3]] > _FLAT and to_a > 0.0 and across > 0.0
-        whole = _angle(to_a, across, to_b) if saddle else 0.0
-        _reach(mesh, faces[face, at_a % 3], distance + to_a, at_a, whole, value, start)
-        _reach(mesh, faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
+        to_a, to_b, across = lengths[at_b], lengths[at_a], lengths[side]
+        turn = _turn_back(mesh, at_a, to_a, across, to_b)
+        _reach(faces[face, at_a % 3], distance + to_a, at_a, turn, value, start)
+        _reach(faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]
         face, i = side // 3, side % 3
         at_a, at_b = 3 * face + (i + 1) % 3, 3 * face + (i + 2) % 3
-        to_a, to_b = np.float64(lengths[at_b]), np.float64(lengths[at_a])
+        to_a, to_b = lengths[at_b], lengths[at_a]
         if to_a > 0.0:
-            x, y = apex(to_b, np.float64(lengths[side]), to_a)
+            x, y = apex(to_b, lengths[side], to_a)
             a, b = faces[face, at_a % 3], faces[face, at_b % 3]
             _add_window(mesh, side, a, b, to_a, 0.0, x, y, to_a, 0.0, x, y, distance, value, start)
 

@@ -44,7 +44,7 @@ LINE_BYTES: Final = 64  # of a cache line
 _MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are offered to
 
 
-Triangles = tuple[Ints, Ints, NDArray[np.float32], Ints, Ints, NDArray[np.float32]]
+Triangles = tuple[Ints, Ints, Floats, Ints, Ints, NDArray[np.float32]]
 """What `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and corners
 (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,), inf where those are no single
 closed fan."""
@@ -121,7 +121,7 @@ def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: fl
         )  # fmt: skip
     starts, around = _placed_corners(starts, around, order)
     angles = _angles_around(mesh.arrays, starts, around)
-    triangles = place[mesh.faces], mesh.twins, mesh.lengths.astype(np.float32), starts, around, angles
+    triangles = place[mesh.faces], mesh.twins, mesh.lengths, starts, around, angles
     return Stencils(first, corners, shapes, place[: len(surface.vertices)].copy(), unit, triangles, surface.vertices)
 
 
@@ -300,6 +300,7 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
     """Put given triangles that are no more into slots that are empty, those that see the farthest first."""
     touched = _touched(mesh, changed, len(order))
     ends, places = np.empty((_MOST_TRIED, 3), np.int32), np.empty((_MOST_TRIED, 5), np.float32)
+    rank_of = np.empty(_MOST_TRIED, np.float32)
     for rank in range(len(order)):
         c = order[rank]
         slot, room = filled[rank], SLOTS * (first[rank + 1] - first[rank])
@@ -313,10 +314,15 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
                 places[count, 0], places[count, 1], places[count, 2] = ax, bx, by
                 places[count, 3], places[count, 4] = px, py
                 count += 1
+        for k in range(count):
+            if _is_neighbour(corners, first[rank], slot, ends[k, 0]):
+                rank_of[k] = places[k, 3] ** 2 + places[k, 4] ** 2
+            else:
+                rank_of[k] = np.inf
         while slot < room and count > 0:
             best = 0
             for k in range(1, count):
-                if places[k, 3] ** 2 + places[k, 4] ** 2 > places[best, 3] ** 2 + places[best, 4] ** 2:
+                if rank_of[k] > rank_of[best]:
                     best = k
             block, lane = first[rank] + slot // SLOTS, slot % SLOTS
             for row in range(3):
@@ -325,6 +331,7 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
             for row in range(5):
                 shapes[block, AX + row, lane] = places[best, row]
                 places[best, row] = places[count - 1, row]
+            rank_of[best] = rank_of[count - 1]
             slot += 1
             count -= 1
 
@@ -340,6 +347,14 @@ def _touched(mesh, changed, count):
             if changed[face] or (twin >= 0 and changed[twin // 3]):
                 touched[faces[face, i]] = True
     return touched
+
+
+@kernel
+def _is_neighbour(corners, block, size, a):
+    for slot in range(size):
+        if corners[block + slot // SLOTS, A, slot % SLOTS] == a:
+            return True
+    return False
 
 
 @kernel

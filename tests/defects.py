@@ -16,7 +16,15 @@ from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.shapes import bent_tube, cylinder, sphere, torus
 
-ROUNDING: Final = 2e-6
+DETOUR: Final = 0.06
+"""How much longer than the shortest path along edges a distance may be: flipped edges are followed no more.
+
+Of 4,000 defective meshes the worst had 0.044, and of the real ones 0.007.
+"""
+
+NOTHING: Final = 1e-4
+"""Share of the median edge that lengths of nothing may become: edges without a length get one (`flips.mollified`)."""
+
 SHORTFALL: Final = 1e-9
 """A distance is marched in single precision: what a chain of some dozens of updates may round."""
 
@@ -302,7 +310,8 @@ def check_rows(surface, sources, update, longest, exact=None) -> np.ndarray:
     assert (distances[reached] >= straight[reached] * (1 - SHORTFALL)).all(), (
         f"{update}: shorter than straight by {_worst(straight[reached], distances[reached])}"
     )
-    assert (distances[reached] <= longest[reached] * (1 + ROUNDING)).all(), (
+    nothing = NOTHING * np.median(np.linalg.norm(np.diff(surface.vertices[surface.faces], axis=1), axis=2))
+    assert (distances[reached] <= longest[reached] * (1 + DETOUR) + nothing).all(), (
         f"{update}: longer than along edges by {_worst(distances[reached], longest[reached])}"
     )
     if exact is None:

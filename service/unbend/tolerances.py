@@ -53,10 +53,10 @@ HOPELESS: Final = 1e-3
 REFINEMENT_STEPS: Final = 200
 """Triangles crossed in search of a circumcentre, which lies near its own in all but the first insertions."""
 
-START_EVENTS: Final = 256
+START_EVENTS: Final = 224
 """Windows and pseudo-sources that the exact start of a front goes through: some four rings of vertices."""
 
-START_RADIUS: Final = 3.0
+START_RADIUS: Final = 2.75
 """Radius, in median edges, below which the exact start goes on for up to three times as many."""
 
 SPREAD_EVENTS: Final = 64

@@ -99,10 +99,11 @@ def _list_around(mesh, corner, vertex, todo, left):
 
 @kernel
 def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
-    """Insert the circumcentre of `face`, or halve the boundary edge before it, if no edge becomes shorter than `shortest`.
+    """Insert the circumcentre of `face`, or halve the boundary edge before it.
 
-    Among Delaunay triangles a circumcentre is nearer to no vertex than to the corners of its triangle, so what is refused
-    there is rounding's work; without the rule it would go on to edges without a length. Returns the face that was split and the second new one beside `new_face`; -1 where nothing was done.
+    Refused is what would make an edge shorter than `shortest`. Delaunay triangles have no vertex nearer to a
+    circumcentre than their corners, so there only rounding does. Returns the face that was split, and the second new
+    one beside `new_face`; -1 where nothing was done.
     """
     _, twins, lengths, _ = mesh
     at, half_edge, d0, d1, d2 = _walk(mesh, face)

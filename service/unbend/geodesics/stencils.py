@@ -297,10 +297,14 @@ def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
 
 @kernel
 def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes, filled):
-    """Put given triangles that are no more into slots that are empty, those that see the farthest first."""
+    """Put given triangles that are no more into slots that are empty.
+
+    Those come first whose A is no neighbour any more, so that fronts may go along given edges; then those that see the
+    farthest.
+    """
     touched = _touched(mesh, changed, len(order))
     ends, places = np.empty((_MOST_TRIED, 3), np.int32), np.empty((_MOST_TRIED, 5), np.float32)
-    rank_of = np.empty(_MOST_TRIED, np.float32)
+    merit = np.empty(_MOST_TRIED, np.float32)
     for rank in range(len(order)):
         c = order[rank]
         slot, room = filled[rank], SLOTS * (first[rank + 1] - first[rank])
@@ -309,31 +313,22 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
         count = 0
         for index in range(starts[c], min(starts[c + 1], starts[c] + _MOST_TRIED)):
             a, b, p, ax, bx, by, px, py = _slot_of(mesh, around[index])
-            if p >= 0 and _is_new(corners, first[rank], slot, place[a], place[b], place[p]):
+            if p < 0:
+                continue
+            known = _find(corners, first[rank], slot, place[a], place[b], place[p])
+            if known < 2:
                 ends[count, 0], ends[count, 1], ends[count, 2] = place[a], place[b], place[p]
                 places[count, 0], places[count, 1], places[count, 2] = ax, bx, by
                 places[count, 3], places[count, 4] = px, py
+                merit[count] = px * px + py * py if known == 1 else np.inf
                 count += 1
-        for k in range(count):
-            if _is_neighbour(corners, first[rank], slot, ends[k, 0]):
-                rank_of[k] = places[k, 3] ** 2 + places[k, 4] ** 2
-            else:
-                rank_of[k] = np.inf
-        while slot < room and count > 0:
-            best = 0
-            for k in range(1, count):
-                if rank_of[k] > rank_of[best]:
-                    best = k
+        for _ in range(min(count, room - slot)):
+            best = np.argmax(merit[:count])
             block, lane = first[rank] + slot // SLOTS, slot % SLOTS
-            for row in range(3):
-                corners[block, row, lane] = ends[best, row]
-                ends[best, row] = ends[count - 1, row]
-            for row in range(5):
-                shapes[block, AX + row, lane] = places[best, row]
-                places[best, row] = places[count - 1, row]
-            rank_of[best] = rank_of[count - 1]
+            corners[block, : P + 1, lane] = ends[best]
+            shapes[block, AX:, lane] = places[best]
+            merit[best] = -1.0
             slot += 1
-            count -= 1
 
 
 @kernel
@@ -350,17 +345,11 @@ def _touched(mesh, changed, count):
 
 
 @kernel
-def _is_neighbour(corners, block, size, a):
-    for slot in range(size):
-        if corners[block + slot // SLOTS, A, slot % SLOTS] == a:
-            return True
-    return False
-
-
-@kernel
-def _is_new(corners, block, size, a, b, p):
+def _find(corners, block, size, a, b, p):
+    """Return 2 if a slot with these corners is among the first `size`, 1 if one with this A is, 0 if none."""
+    found = 0
     for slot in range(size):
         at, lane = block + slot // SLOTS, slot % SLOTS
-        if corners[at, A, lane] == a and corners[at, B, lane] == b and corners[at, P, lane] == p:
-            return False
-    return True
+        if corners[at, A, lane] == a:
+            found = max(found, 2 if corners[at, B, lane] == b and corners[at, P, lane] == p else 1)
+    return found

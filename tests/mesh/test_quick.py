@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from unbend.mesh.formats.quick import QUICK
 
 from unbend import read_mesh
 from unbend.errors import MeshError
-from unbend.mesh.formats.quick import QUICK
 
 OFF = b"OFF\n5 3 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1.5\n3 0 1 2\n3 0 2 3\n3 0 1 4\n"
 OBJ = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 1\nv 0 0 1.5\nf 1/1 2/1 3/1\nf 1 3 4\nf 1//1 2 5/1/1\n"

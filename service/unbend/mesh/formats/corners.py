@@ -26,7 +26,7 @@ def whole(numbers: Any, counts: Indices, where: Callable[[int], str]) -> Indices
             wrong = ~((np.floor(numbers) == numbers) & (np.abs(numbers) < _MOST))
         if wrong.any():
             at = int(np.flatnonzero(wrong)[0])
-            raise MeshReadError(f"{where(_face(at, counts))}: {numbers[at]:.15g} is not a vertex: no whole number")
+            raise MeshReadError(f"{where(_face(at, counts))}: {numbers[at]:.15g} is not a vertex")
     integers: Indices = numbers.astype(np.int64)
     return integers
 

@@ -11,13 +11,11 @@ import struct
 from collections.abc import Iterator
 from typing import Any, Final
 
-import numpy as np
-
-from unbend.arrays import Floats, Ints
 from unbend.errors import MeshFormatError, MeshReadError
 from unbend.mesh.formats.gltf_data import Data
 from unbend.mesh.formats.gltf_meshes import Meshes, joined
 from unbend.mesh.formats.gltf_scene import Place, placed, places
+from unbend.mesh.formats.gltf_writing import write
 from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh, left_over
 from unbend.mesh.formats.text import shown
 from unbend.mesh.limits import MeshLimits
@@ -84,7 +82,10 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes, tuple[str, ...]]:
             position += -position % 4  # padding that the size does not count
     if _JSON not in found:
         raise MeshReadError("the glb file has no layout: no chunk of it is JSON")
-    layout = json.loads(found[_JSON].rstrip(b"\0 \t\r\n"))
+    try:
+        layout = json.loads(found[_JSON].rstrip(b"\0 \t\r\n"))
+    except (ValueError, RecursionError) as error:
+        raise MeshReadError("the layout of the glb file is not JSON") from error
     if not isinstance(layout, dict):
         raise MeshReadError("the layout of the glb file is not an object")
     return layout, found.get(_BINARY, b""), left_over(len(data[length:].strip(b"\0")), "byte")
@@ -105,37 +106,6 @@ def _told(layout: dict[str, Any], meshes: Meshes, standing: list[Place]) -> Iter
         yield "animations are not applied"
     if any("EXT_mesh_gpu_instancing" in place.extensions for place in standing):
         yield "copies made by EXT_mesh_gpu_instancing are not read: each mesh is there once"
-
-
-def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:
-    """Return a glb file of one mesh, in single precision; it keeps `uv` and not `colours` where there are both."""
-    arrays = [("POSITION", "VEC3", 5126, np.asarray(vertices, "<f4")), ("", "SCALAR", 5125, np.asarray(faces, "<u4"))]
-    if uv is not None:
-        arrays.append(("TEXCOORD_0", "VEC2", 5126, np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")))
-    elif colours is not None:
-        opaque = np.full((len(colours), 1), 255)
-        arrays.append(("COLOR_0", "VEC4", 5121, np.hstack([np.rint(255 * colours), opaque]).astype(np.uint8)))
-    views, accessors, begin = [], [], 0
-    for number, (name, kind, component, array) in enumerate(arrays):
-        target = 34962 if name else 34963
-        views.append({"buffer": 0, "byteOffset": begin, "byteLength": array.nbytes, "target": target})
-        count = len(array) if name else array.size
-        accessors.append({"bufferView": number, "componentType": component, "count": count, "type": kind})
-        begin += array.nbytes
-    if len(vertices):
-        accessors[0] |= {"min": arrays[0][3].min(axis=0).tolist(), "max": arrays[0][3].max(axis=0).tolist()}
-    accessors[2:] = [accessor | {"normalized": accessor["componentType"] == 5121} for accessor in accessors[2:]]
-    attributes = {name: number for number, (name, *_) in enumerate(arrays) if name}
-    primitive = {"attributes": attributes, "indices": 1, "mode": 4, "material": 0}
-    layout = {
-        "asset": {"version": "2.0", "generator": "unbend"}, "scene": 0, "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}], "materials": [{"doubleSided": True}],
-        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": begin}],
-    }  # fmt: skip
-    text = json.dumps(layout).encode()
-    chunks = [(_JSON, text + b" " * (-len(text) % 4)), (_BINARY, b"".join(array.tobytes() for *_, array in arrays))]
-    body = b"".join(struct.pack("<I4s", len(chunk), kind) + chunk for kind, chunk in chunks)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
 GLB: Final = MeshFormat("glb", recognises, announced, read, write)

@@ -88,7 +88,7 @@ class _Lines:
 
 
 def _vertices(lines: _Lines, points: list[int]) -> Floats:
-    rows = table(b"\n".join([lines.texts[number][1:] for number in points]))
+    rows = table(b"\n".join([*(lines.texts[number][1:] for number in points), b""]))
     _check_numbers(rows, lines, points, "three coordinates expected")
     short = np.flatnonzero(rows.widths < 3)
     if len(short):
@@ -100,12 +100,13 @@ def _vertices(lines: _Lines, points: list[int]) -> Floats:
 
 
 def _corners(lines: _Lines, polygons: list[int], points: list[int]) -> tuple[Indices, Indices]:
-    text = b"\n".join([line[2 if line[:3] in _OUTLINE else 1 :] for line in map(lines.texts.__getitem__, polygons)])
+    texts = map(lines.texts.__getitem__, polygons)
+    text = b"\n".join([*(line[2 if line[:3] in _OUTLINE else 1 :] for line in texts), b""])
     if b"/" in text:
         if found := _BEFORE_SLASH_NOTHING.search(text):
             raise lines.wrong(polygons[text.count(b"\n", 0, found.end())], "a corner without its vertex")
         text = _AFTER_SLASH.sub(b"", text)
-    rows = table(text)
+    rows = table(text, 0)
     _check_numbers(rows, lines, polygons, "vertices of a face expected")
 
     def where(face: int) -> str:

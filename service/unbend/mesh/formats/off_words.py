@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -15,6 +16,7 @@ from unbend.mesh.formats.records import Field, read_rows
 from unbend.mesh.formats.spans import spans
 from unbend.mesh.formats.text import shown, table
 
+_FIRST_COUNT = re.compile(rb"\s*(\d{1,18})\s")
 _FACE = (Field("corners", "<f8", "<f8"),)
 
 Polygons = tuple[Indices, Indices, tuple[str, ...]]
@@ -25,6 +27,12 @@ def in_space(points: Floats) -> Floats:
     """Return places (n, 3) from as many coordinates, or from four, the last of which divides the others."""
     with np.errstate(all="ignore"):  # what is not finite is told of later
         return points[:, :3] / points[:, 3:] if points.shape[1] == 4 else points
+
+
+def _vertex_lines(text: bytes) -> int | None:
+    """Return how many lines hold the counts and the vertices, where each has its own and none is blank."""
+    found = _FIRST_COUNT.match(text)
+    return int(found.group(1)) + text.count(b"\n", 0, found.start(1)) + 1 if found else None
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class Body:
     @classmethod
     def of(cls, text: bytes, first: int) -> Body:
         """Read text; its first line has the number `first`."""
-        rows = table(text)
+        rows = table(text, _vertex_lines(text))
         filled = np.flatnonzero(rows.widths)
         return cls(text.split(b"\n"), first, rows.values, rows.starts[filled], rows.widths[filled], filled, rows.broken)
 
@@ -129,7 +137,7 @@ class Body:
     def _lines(self, begin: int, count: int) -> tuple[int, int]:
         """Return the range of `count` lines, the first of which begins with the number at `begin`."""
         line = int(np.searchsorted(self.starts, begin))
-        if begin < len(self.values) and self.starts[line] != begin:
+        if begin < len(self.values) and self._start(line) != begin:
             raise MeshReadError(f"line {self._number(line - 1)}: not as many numbers as announced")
         if line + count > len(self.starts):
             raise self._early(count, len(self.starts) - line, begin)

@@ -24,6 +24,7 @@ from unbend.mesh.limits import MeshLimits
 
 _COUNTS: Final = re.compile(rb"^element[ \t]+(vertex|face)[ \t]+(\d{1,18})[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
 _NO_ROWS: Final = re.compile(rb"^[ \t]*(?:comment|obj_info|#)[^\n]*", re.MULTILINE)
+_TRIANGLES: Final = ("face", "tristrips")  # elements
 _CORNERS: Final = ("vertex_indices", "vertex_index")
 
 
@@ -42,20 +43,21 @@ def announced(data: bytes) -> tuple[int, int]:
 def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     """Return the mesh of a ply file."""
     header = read_header(data)
-    if not {"face", "tristrips"} & {element.name for element in header.elements}:
+    corners_of = {element.name: _corners_of(element) for element in header.elements if element.name in _TRIANGLES}
+    if not corners_of:
         raise MeshReadError("the ply file holds no triangles: it has neither faces nor strips")
     rows, notes = _text_rows(data, header) if header.text else _binary_rows(data, header)
     vertices = _vertices(rows)
     limits.check(len(vertices), 0)
     faces = [np.empty((0, 3), np.int64)]
-    for element in header.elements:
-        if element.name == "face":
-            corners, counts = _corners(rows["face"].columns[_corners_of(element)], len(vertices))
-            polygons, told = triangulated(vertices, corners, counts, limits)
+    for name, corners_name in corners_of.items():
+        column = rows[name].columns[corners_name]
+        if name == "face":
+            polygons, told = triangulated(vertices, *_corners(column, len(vertices)), limits)
             faces.append(polygons)
             notes += told
-        elif element.name == "tristrips":
-            faces.append(_strips(rows["tristrips"].columns[_corners_of(element)], len(vertices), limits))
+        else:
+            faces.append(_strips(column, len(vertices), limits))
     return ParsedMesh(vertices, np.concatenate(faces), header.notes + notes)
 
 

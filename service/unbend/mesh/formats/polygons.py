@@ -45,7 +45,7 @@ def triangulated(
     MeshReadError
         If a polygon that needs clipping has more than 100,000 corners.
     """
-    limits.check(len(vertices), int(np.maximum(counts - 2, 0).sum()))
+    limits.check(0, int(np.maximum(counts - 2, 0).sum()))
     if (counts == 3).all():
         return corners.reshape(-1, 3), ()
     corners, counts, notes = _tidy(corners, counts)

@@ -104,7 +104,7 @@ def _read_text(data: bytes, limits: MeshLimits) -> ParsedMesh:
 
 
 def _vertices(lines: list[bytes], place: Callable[[int], str]) -> Floats:
-    rows = table(b"\n".join([line[6:] for line in lines]))
+    rows = table(b"\n".join([*(line[6:] for line in lines), b""]))
     wrong = np.flatnonzero(rows.widths != 3)[:1].tolist() or ([] if rows.broken is None else [rows.broken])
     if wrong:
         raise MeshReadError(f"{place(wrong[0])}: three coordinates expected, found {shown(lines[wrong[0]])}")

@@ -6,6 +6,7 @@ count at all: then the words must come out even, for a line with a number too ma
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ from unbend.mesh.formats.ply_header import HEADER, MAGIC, Element, Header, read_
 from unbend.mesh.formats.polygons import triangulated
 from unbend.mesh.formats.records import Column, Rows, read_rows
 from unbend.mesh.formats.strips import strip_faces
-from unbend.mesh.formats.text import plain, shown, table
+from unbend.mesh.formats.text import Table, plain, shown, table
 from unbend.mesh.limits import MeshLimits
 
 _COUNTS: Final = re.compile(rb"^element[ \t]+(vertex|face)[ \t]+(\d{1,18})[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
@@ -43,6 +44,9 @@ def announced(data: bytes) -> tuple[int, int]:
 def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     """Return the mesh of a ply file."""
     header = read_header(data)
+    places = {field.name for element in header.elements if element.name == "vertex" for field in element.fields}
+    if missing := sorted({"x", "y", "z"} - places):
+        raise MeshReadError(f"the vertices of the ply file have no {missing[0]}")
     corners_of = {element.name: _corners_of(element) for element in header.elements if element.name in _TRIANGLES}
     if not corners_of:
         raise MeshReadError("the ply file holds no triangles: it has neither faces nor strips")
@@ -81,35 +85,48 @@ def _read_elements(body: bytes, position: int, elements: tuple[Element, ...]) ->
 def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str, ...]]:
     text = plain(data[header.end :])
     text = _NO_ROWS.sub(b"", text) if b"comment" in text or b"obj_info" in text or b"#" in text else text
-    numbers = table(text)
-    filled = np.flatnonzero(numbers.widths)
-    starts = numbers.starts[filled]
-    lines = text.split(b"\n")
+    numbers, lines = table(text), text.split(b"\n")
     try:
         rows, end = _read_elements(numbers.values.tobytes(), 0, header.elements)
     except MeshReadError:
-        if numbers.broken is None:
-            raise
-        word = shown(lines[numbers.broken])
-        raise MeshReadError(f"line {header.lines + numbers.broken + 1}: numbers expected, found {word}") from None
-    behind = int((8 * starts >= end).sum())
+        _check_line(numbers, lines, header, _misfit(numbers, header.elements))
+        raise
+    starts = 8 * numbers.starts[numbers.widths > 0]
+    behind = int((starts >= end).sum())
     behind += 0 if numbers.broken is None else sum(1 for line in lines[numbers.broken :] if line.strip())
-    if end == 8 * len(numbers.values) and not behind:
+    if not behind and end == 8 * len(numbers.values):
         return rows, ()
-    begins = np.concatenate([found.begins for found in rows.values()] + [[end]])
-    within = np.flatnonzero(~np.isin(begins, np.append(8 * starts, 8 * len(numbers.values))))
+    begins = np.concatenate([*(found.begins for found in rows.values()), [end]])
+    within = np.flatnonzero(~np.isin(begins, np.append(starts, 8 * len(numbers.values))))
     if len(within):
-        line = filled[np.searchsorted(8 * starts, begins[within[0]]) - 1]
-        what = f"{numbers.widths[line]} numbers, not as many as the header says, in {shown(lines[line])}"
-        raise MeshReadError(f"line {header.lines + line + 1}: {what}")
+        _check_line(numbers, lines, header, int(np.searchsorted(8 * numbers.starts, begins[within[0]]) - 1))
     return rows, left_over(behind, "line")
 
 
+def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
+    """Return the first line that has not as many numbers as a row of its element; up to the first with lists."""
+    filled = np.flatnonzero(numbers.widths)
+    begin = 0
+    for element in itertools.takewhile(lambda element: not any(field.counter for field in element.fields), elements):
+        rows = filled[begin : begin + element.length]
+        wrong = rows[numbers.widths[rows] != len(element.fields)]
+        if len(wrong):
+            return int(wrong[0])
+        begin += element.length
+    return None
+
+
+def _check_line(numbers: Table, lines: list[bytes], header: Header, wrong: int | None) -> None:
+    """Raise MeshReadError about the line `wrong`, or the one that holds something else than numbers, if any."""
+    at = numbers.broken if wrong is None else wrong
+    if at is None:
+        return
+    what = "numbers expected" if wrong is None else f"{numbers.widths[at]} numbers, not as many as the header says"
+    raise MeshReadError(f"line {header.lines + at + 1}: {what}, found {shown(lines[at])}")
+
+
 def _vertices(rows: dict[str, Rows]) -> Floats:
-    columns: dict[str, Column] = rows["vertex"].columns if "vertex" in rows else {}
-    for axis in "xyz":
-        if axis not in columns:
-            raise MeshReadError(f"the vertices of the ply file have no {axis}")
+    columns: dict[str, Column] = rows["vertex"].columns
     axes: list[Any] = [columns[axis][0] for axis in "xyz"]
     if len({len(values) for values in axes}) > 1 or len(axes[0]) != len(columns["x"][1]):
         raise MeshReadError("the coordinates of the ply file are lists")

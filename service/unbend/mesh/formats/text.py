@@ -20,13 +20,13 @@ MARK: Final = b"\xef\xbb\xbf"
 _NUMBER: Final = re.compile(rb"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _WORD: Final = re.compile(rb"\S+")
 _COMMENT: Final = re.compile(rb"#[^\n]*")
-_PADDING: Final = b"\0\x1a"  # and the end-of-file of old systems
+_PADDING: Final = b"\0\x1a \t\r\n"  # and the end-of-file of old systems
 _SPACE, _NEWLINE = 32, 10
 
 
 def plain(data: bytes) -> bytes:
     """Return text without a byte order mark, padding at its end, or carriage returns: each line ends in a newline."""
-    text = data.removeprefix(MARK).rstrip(_PADDING)
+    text = data.removeprefix(MARK).rstrip(_PADDING) + b"\n"
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 

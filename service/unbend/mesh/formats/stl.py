@@ -29,7 +29,7 @@ _LOOKED_AT: Final = 100  # facets that must look like some where the length alon
 _SIZES: Final = 1e-30, 1e30  # coordinates beyond are none
 _TEXT: Final = re.compile(rb"(?:%b)?\s*(?:solid\b|facet\s)" % MARK, re.IGNORECASE)
 _SOLID: Final = re.compile(rb"\b(end[ \t]*)?solid\b(?:(?!\bfacet\s{1,9}normal\b)[^\n])*")
-_KEYWORD: Final = re.compile(rb"(?<=[^\s])[ \t]+(facet|outer|vertex|endloop|endfacet|end)\b")
+_KEYWORD: Final = re.compile(rb"(?<=\S)(?<!end)[ \t]+(facet|outer|vertex|endloop|endfacet|end)\b")
 _BREAK: Final = re.compile(rb"[\n\v]")
 _BEGINS: Final = (b"facet", b"outer")
 _BOUNDS: Final = (*_BEGINS, b"end")

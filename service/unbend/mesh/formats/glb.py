@@ -78,8 +78,9 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes, tuple[str, ...]]:
             raise MeshReadError("a chunk of the glb file is longer than the file")
         found.setdefault(kind, data[position + 8 : position + 8 + size])
         position += 8 + size
-        if data[position + 4 : position + 8] not in (_JSON, _BINARY):
-            position += -position % 4  # padding that the size does not count
+        padded = position + -position % 4
+        if data[padded + 4 : padded + 8] in (_JSON, _BINARY):
+            position = padded  # the size does not count the padding
     if _JSON not in found:
         raise MeshReadError("the glb file has no layout: no chunk of it is JSON")
     try:

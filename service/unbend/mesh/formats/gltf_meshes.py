@@ -24,6 +24,13 @@ def joined(parts: list[tuple[Floats, Indices]]) -> tuple[Floats, Indices]:
     return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
+def _mode(primitive: dict[str, Any]) -> int:
+    mode = primitive.get("mode", _TRIANGLES)
+    if mode not in _MODES:
+        raise MeshReadError(f"a part of the glb file has mode {repr(mode)[:40]}")
+    return int(mode)
+
+
 class Meshes:
     """The meshes of a layout, known by their index; what is found of one is kept.
 
@@ -66,26 +73,23 @@ class Meshes:
 
     def _note(self, mesh: int) -> None:
         for primitive in self._primitives(mesh):
-            self.skipped += primitive.get("mode", _TRIANGLES) < _TRIANGLES
+            self.skipped += _mode(primitive) < _TRIANGLES
             self.morphs |= bool(primitive.get("targets"))
 
     def _groups(self, mesh: int) -> dict[int, list[dict[str, Any]]]:
         """Return a mesh's primitives that have triangles, by the accessor of their positions."""
         groups: dict[int, list[dict[str, Any]]] = {}
         for primitive in self._primitives(mesh):
-            mode = primitive.get("mode", _TRIANGLES)
-            if mode not in _MODES:
-                raise MeshReadError(f"a part of the glb file has mode {repr(mode)[:40]}")
-            if mode >= _TRIANGLES and "POSITION" in primitive["attributes"] and self._triangles(primitive):
+            if _mode(primitive) >= _TRIANGLES and "POSITION" in primitive["attributes"] and self._triangles(primitive):
                 groups.setdefault(primitive["attributes"]["POSITION"], []).append(primitive)
         return groups
 
     def _triangles(self, primitive: dict[str, Any]) -> int:
         corners = self._data.count(primitive.get("indices", primitive["attributes"]["POSITION"]))
-        return corners // 3 if primitive.get("mode", _TRIANGLES) == _TRIANGLES else max(0, corners - 2)
+        return corners // 3 if _mode(primitive) == _TRIANGLES else max(0, corners - 2)
 
     def _faces(self, primitive: dict[str, Any], vertices: int) -> Indices:
-        mode = primitive.get("mode", _TRIANGLES)
+        mode = _mode(primitive)
         restarts = np.zeros(vertices, bool)
         if "indices" not in primitive:
             corners = np.arange(vertices)

@@ -1,9 +1,9 @@
 """off files: a keyword, counts, vertices and polygons, as words or in binary.
 
 Geomview's format, http://www.geomview.org/docs/html/OFF.html, and what others write: no keyword, no count of edges, the
-counts glued to the keyword, further numbers behind vertices and faces. Words may be broken into lines anywhere, yet
-what follows a face's corners on their line is its colour: so a file is first read by its lines, and if that fails, as
-one stream of words without such colours, which must then come out even.
+counts glued to the keyword, further numbers behind vertices and faces. Lines may break anywhere, yet what follows a
+face's corners on their line is its colour. So a file is read by its lines if these are alike; else as one stream of
+words without such colours, if that comes out even; else by its lines as they are.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from unbend.mesh.limits import MeshLimits
 
 _HEADER: Final = 2**16  # bytes that may stand before the counts; a file with more announces nothing
 _BLANK: Final = rb"(?:\s|#[^\n]*\n)"
-_KEY: Final = rb"((?:ST)?C?N?4?(?-i:n)?OFF)"
+_KEY: Final = rb"((?:ST|C|N|4){0,5}OFF)"  # MeshLab writes them in another order
 _BEGIN: Final = re.compile(rb"(?:%b)?%b*%b(?=[ \t]*(?:[\d#\r\n]|BINARY|$))" % (MARK, _BLANK, _KEY), re.IGNORECASE)
 _BINARY: Final = re.compile(rb"(?:%b)?%b*%b[ \t]+BINARY[ \t]*(?:\r\n|\r|\n)" % (MARK, _BLANK, _KEY), re.IGNORECASE)
 _COUNTS: Final = re.compile(rb"%b*(\d{1,18})%b+(\d{1,18})\b" % (_BLANK, _BLANK))
@@ -87,12 +87,14 @@ def _parse(body: Body, key: _Key, limits: MeshLimits) -> ParsedMesh:
     body = body.without_dimension() if key.any_dimension else body
     vertices, faces = body.counts()
     limits.check(vertices, faces)
-    refused = []
-    for begin, columns in itertools.product(body.behind_counts(), (None, *key.widths)):
-        for by_words in (False, True):
+    refused: list[MeshReadError] = []
+    for strict in (True, False):
+        refused = []
+        ways = itertools.product(body.behind_counts(), (None, *key.widths), (False, True))
+        for begin, columns, by_words in ways:
             try:
-                points, end = body.vertices(begin, vertices, key.coordinates, columns)
-                corners, counts, notes = body.faces(end, faces, vertices, by_words=by_words)
+                points, end = body.vertices(begin, vertices, key.coordinates, columns, strict=strict)
+                corners, counts, notes = body.faces(end, faces, vertices, by_words=by_words, strict=strict)
             except MeshReadError as error:
                 refused.append(error)
                 continue

@@ -29,6 +29,11 @@ def in_space(points: Floats) -> Floats:
         return points[:, :3] / points[:, 3:] if points.shape[1] == 4 else points
 
 
+def _check_alike(widths: Indices, strict: bool) -> None:
+    if strict and len(widths) and (widths != widths[0]).any():
+        raise MeshReadError("lines of the off file differ in what they hold")
+
+
 def _vertex_lines(text: bytes) -> int | None:
     """Return how many lines hold the counts and the vertices, where each has its own and none is blank."""
     found = _FIRST_COUNT.match(text)
@@ -84,11 +89,13 @@ class Body:
             yield 2
         yield 3
 
-    def vertices(self, begin: int, count: int, coordinates: int, columns: int | None) -> tuple[Floats, int]:
+    def vertices(
+        self, begin: int, count: int, coordinates: int, columns: int | None, *, strict: bool
+    ) -> tuple[Floats, int]:
         """Return (count, 3) vertices and where the next word is.
 
-        They are in a line each, or, where `columns` is given, so many words each, the first three or four of them
-        coordinates.
+        They are in a line each, all lines alike if `strict`, or, where `columns` is given, so many words each; the
+        first three or four are coordinates.
         """
         if columns is not None:
             end = begin + count * columns
@@ -100,11 +107,16 @@ class Body:
         short = np.flatnonzero(self.widths[line:end_line] < coordinates)
         if len(short):
             raise self._wrong(line + int(short[0]), f"{'four' if coordinates == 4 else 'three'} coordinates expected")
+        _check_alike(self.widths[line:end_line], strict)
         places = self.starts[line:end_line, None] + np.arange(coordinates)
         return in_space(self.values[places]), self._start(end_line)
 
-    def faces(self, begin: int, count: int, vertices: int, *, by_words: bool) -> Polygons:
-        """Return the faces: in a line each, or by words, behind which nothing else may follow."""
+    def faces(self, begin: int, count: int, vertices: int, *, by_words: bool, strict: bool) -> Polygons:
+        """Return the faces: in a line each, or by words.
+
+        Behind words nothing may follow, and behind lines neither if `strict`; these must then be alike, and hold no
+        face of fewer than three corners.
+        """
         if by_words:
             return self._faces_by_words(begin, count, vertices)
         line, end_line = self._lines(begin, count)
@@ -115,6 +127,9 @@ class Body:
             at = int(wrong[0])
             raise self._wrong(line + at, f"a face with {widths[at] - 1} of {counts[at]:.15g} corners")
         sizes = counts.astype(np.int64)
+        _check_alike(widths - sizes, strict)
+        if strict and ((sizes < 3).any() or end_line < len(self.starts) or self.broken is not None):
+            raise MeshReadError("lines of the off file are not all faces")
 
         def where(face: int) -> str:
             return f"line {self._number(line + face)}"

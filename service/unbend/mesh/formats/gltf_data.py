@@ -43,19 +43,22 @@ class Data:
         if described["type"] != kind:
             raise MeshReadError(f"accessor {accessor} of the glb file is {shown(str(described['type']))}, not {kind}")
         count, component, sparse = self.count(accessor), described["componentType"], described.get("sparse")
+        columns = _COLUMNS[kind]
+        if sparse:  # read first, for then the bytes that it is in are known
+            rows = self._elements(sparse["indices"], sparse["count"], sparse["indices"]["componentType"], 1)[:, 0]
+            changes = self._elements(sparse["values"], sparse["count"], component, columns)
         if "bufferView" in described:
-            values = self._elements(described, count, component, _COLUMNS[kind])
+            values = self._elements(described, count, component, columns)
         elif sparse:
-            values = self._zeros(count, component, _COLUMNS[kind])
+            values = self._zeros(count, component, columns)
         else:
             raise MeshFormatError(
                 f"accessor {accessor} of the glb file has no data of its own, as if it were compressed: export it "
                 "uncompressed"
             )
         if sparse:
-            values, changed = values.copy(), sparse["count"]
-            rows = self._elements(sparse["indices"], changed, sparse["indices"]["componentType"], 1)[:, 0]
-            values[rows] = self._elements(sparse["values"], changed, component, _COLUMNS[kind])
+            values = values.copy()
+            values[rows] = changes
         if described.get("normalized") and values.dtype.kind != "f":
             return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
         return values

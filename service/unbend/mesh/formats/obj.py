@@ -144,7 +144,7 @@ def _unknown(texts: Iterable[bytes]) -> tuple[str, ...]:
     if not unknown:
         return ()
     more = f" and {len(unknown) - _SHOWN} other words" if len(unknown) > _SHOWN else ""
-    return (f"lines skipped that begin with {', '.join(shown(word[:20]) for word in unknown[:_SHOWN])}{more}",)
+    return (f"lines skipped that begin with {', '.join(shown(word[:8]) for word in unknown[:_SHOWN])}{more}",)
 
 
 def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:

@@ -1,8 +1,8 @@
 """Polygons of any format, cut into triangles.
 
-A fan around the first corner where that covers the polygon once, as other programs cut; else around the second, which
-settles every simple quad; else ear clipping (mapbox-earcut). All is judged in the polygon's own plane, across its
-vector area (Newell's normal). For corners that lie in no plane, that is the one that shows the outline largest.
+A fan around the first corner where that covers the polygon once, as other programs cut; else around one of the next
+four, which settles every simple quad and pentagon; else ear clipping (mapbox-earcut). All is judged in the plane across
+the polygon's vector area (Newell's normal): for corners in no plane, that is the one that shows the outline largest.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from unbend.mesh.report import counted_noun
 from unbend.tolerances import FLAT_CORNER
 
 _BLOCK: Final = 2**20  # corners that are looked at together
+_TURNS: Final = 5  # corners that fans are tried around: a pentagon is one, if it is simple
 _MOST: Final = 100_000  # corners of a polygon to clip: it takes time with their square, seconds for so many
 
 
@@ -88,24 +89,30 @@ def _cut(vertices: Floats, corners: Indices, counts: Indices) -> tuple[Indices, 
     """Return the triangles of some polygons, and how many polygons have none that cover them once."""
     faces, owners = _fans(corners, counts)
     wrong = np.flatnonzero(~_covered_once(vertices[corners], counts))
-    if not len(wrong):
-        return faces, 0
-    sizes, firsts = counts[wrong], firsts_of(counts[wrong])
-    rings = corners[spans(firsts_of(counts)[wrong], sizes)]
-    shift = np.arange(len(rings)) - np.repeat(firsts, sizes) + 1
-    rings = rings[np.repeat(firsts, sizes) + shift % np.repeat(sizes, sizes)]  # from their second corners on
-    right = _covered_once(vertices[rings], sizes)
-    fans, of = _fans(rings, sizes)
-    pieces, replaced = [fans[right[of]]], [wrong[of[right[of]]]]
-    odd = ~right
-    for index in np.flatnonzero(odd & (sizes > 4)):
-        ring = rings[firsts[index] :][: sizes[index]]
-        ears, odd[index] = _clipped(vertices[ring])
+    pieces, replaced, odd, firsts = [], [np.empty(0, np.int64)], 0, firsts_of(counts)
+    for turn in range(1, _TURNS if len(wrong) else 1):
+        sizes = counts[wrong]
+        rings = _turned(corners[spans(firsts[wrong], sizes)], sizes, turn)
+        right = _covered_once(vertices[rings], sizes)
+        fans, of = _fans(rings, sizes)
+        pieces.append(fans[right[of]])
+        replaced.append(wrong[of[right[of]]])
+        wrong = wrong[~right]
+    for polygon in wrong:
+        ring = corners[firsts[polygon] :][: counts[polygon]]
+        ears, good = _clipped(vertices[ring]) if len(ring) > _TURNS else (np.empty((0, 3), np.int64), False)
         pieces.append(ring[ears])
-        replaced.append(np.full(len(ears), wrong[index]))
+        replaced.append(np.full(len(ears), polygon))
+        odd += not good
     kept = ~np.isin(owners, np.concatenate(replaced))
     order = np.argsort(np.concatenate([owners[kept], *replaced]), kind="stable")
-    return np.concatenate([faces[kept], *pieces])[order], int(odd.sum())
+    return np.concatenate([faces[kept], *pieces])[order], odd
+
+
+def _turned(rings: Indices, counts: Indices, turn: int) -> Indices:
+    """Return polygons that begin so many corners later."""
+    firsts = np.repeat(firsts_of(counts), counts)
+    return rings[firsts + (np.arange(len(rings)) - firsts + turn) % np.repeat(counts, counts)]
 
 
 def _fans(corners: Indices, counts: Indices) -> tuple[Indices, Indices]:
@@ -138,7 +145,7 @@ def _covered_once(points: Floats, counts: Indices) -> Bools:
 
 
 def _clipped(points: Floats) -> tuple[Indices, bool]:
-    """Return the triangles of one polygon, (k, 3) of its corners, and whether they do not cover it just once."""
+    """Return the triangles of one polygon, (k, 3) of its corners, and whether they cover it just once."""
     if len(points) > _MOST:
         raise MeshReadError(f"a face of {len(points):,} corners that is not convex: up to {_MOST:,} are read")
     around = points - points[0]
@@ -146,7 +153,7 @@ def _clipped(points: Floats) -> tuple[Indices, bool]:
     normal = np.cross(around[1:-1], around[2:]).sum(axis=0)
     length = np.linalg.norm(normal)
     if not length > 0:
-        return np.empty((0, 3), np.int64), True
+        return np.empty((0, 3), np.int64), False
     across = np.cross(normal / length, np.eye(3)[np.abs(normal).argmin()])
     across /= np.linalg.norm(across)
     flat = np.stack([around @ across, around @ np.cross(normal / length, across)], axis=1)
@@ -154,7 +161,7 @@ def _clipped(points: Floats) -> tuple[Indices, bool]:
     ears = clipped.astype(np.int64).reshape(-1, 3)
     twice = _twice_area(flat[ears])
     ears[twice < 0] = ears[twice < 0][:, ::-1]
-    return _with_all_corners(ears, len(points)), abs(np.abs(twice).sum() - length) > FLAT_CORNER * length
+    return _with_all_corners(ears, len(points)), bool(abs(np.abs(twice).sum() - length) <= FLAT_CORNER * length)
 
 
 def _twice_area(triangles: Floats) -> Floats:

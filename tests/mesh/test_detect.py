@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import io
 import struct
+import zipfile
 
 import pytest
 
@@ -14,6 +16,13 @@ from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.formats.registry import REGISTRY
 
 OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def zipped(name: str) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, OBJ * 1000)
+    return packed.getvalue()
 
 
 def test_the_registry_has_the_formats_that_are_named():
@@ -68,7 +77,11 @@ def test_text_is_told_by_its_first_words(data, kind):
         (OBJ.decode().encode("utf-16"), "UTF-16"),
         (OBJ.decode().encode("utf-16-be"), "UTF-16"),
         (OBJ.decode().encode("utf-32"), "UTF-16 or UTF-32"),
+        (b" " * 72 + b"S      1\n", "IGES"),
         (gzip.compress(OBJ), "gzip"),
+        (zipped("mesh.obj"), r"packed \(zip\)"),
+        (zipped("3D/3dmodel.model"), "3MF"),
+        (zipped("scene.usdc"), "USDZ"),
         (b"\x89PNG\r\n\x1a\n", "a picture"),
     ],
 )

@@ -12,6 +12,9 @@ _PACKED: Final = {
 }  # fmt: skip
 """How packed files begin; whatever they are called, nothing is unpacked."""
 
+_INSIDE: Final = {b"3dmodel.model": "3MF", b".usdc": "USDZ", b".usda": "USDZ"}
+"""What packed files of some formats have in them."""
+
 _WIDE: Final = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")
 _KNOWN: Final = (
     (rb"Kaydara FBX Binary|; ?FBX \d", "an FBX file"),
@@ -24,13 +27,16 @@ _KNOWN: Final = (
     (rb"(?s)\s*<.{0,500}html\b", "a web page, as a download that failed leaves it"),
     (rb"#VRML\b", "a VRML file"),
     (rb"ISO-10303-21", "a STEP file"),
+    (rb"[^\r\n]{72}S {0,6}0*1\b", "an IGES file"),
+    (rb"(?s)FORM.{4}LWO[2B]", "a LightWave file"),
+    (rb"OCTM", "an OpenCTM file"),
     (rb"PXR-USDC|#usda\b", "a USD file"),
     (rb"//Maya ASCII", "a Maya file"),
     (rb"\$MeshFormat", "a Gmsh file"),
     (rb"\s*MeshVersionFormatted", "a Medit file"),
     (rb"Ogawa", "an Alembic file"),
     (rb"\x89HDF", "an HDF5 file"),
-    (rb"MM.{4}\x02\0", "a 3ds file"),
+    (rb"(?s)MM.{4}\x02\0", "a 3ds file"),
     (rb"# \.PCD\b|LASF", "a cloud of points"),
     (rb"\s*0\s{1,9}SECTION\b", "a DXF file"),
     (rb"version https://git-lfs", "a pointer of Git LFS in place of the file"),
@@ -56,7 +62,11 @@ def other_format(data: bytes) -> str | None:
 def _packing(data: bytes) -> str | None:
     if data[257:262] == b"ustar":
         return "tar"
-    return next((name for beginning, name in _PACKED.items() if data.startswith(beginning)), None)
+    found = next((name for beginning, name in _PACKED.items() if data.startswith(beginning)), None)
+    if found != "zip":
+        return found
+    names = data[:_HEAD] + data[-_HEAD:]  # a packed file's contents stand at its end
+    return next((f"zip, as {name} files are" for word, name in _INSIDE.items() if word in names), found)
 
 
 def _is_wide(head: bytes) -> bool:

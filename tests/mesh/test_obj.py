@@ -68,6 +68,7 @@ def test_the_same_mesh_in_other_manners(data):
     ("data", "note"),
     [
         (PLAIN + "f 1 2\nf 3\nf\n", "3 faces of fewer than three corners skipped"),
+        (behind(ROWS, " 0.5 red") + FACES, "words skipped that are no numbers, at the end of 5 lines"),
         ("# head\nteapot 1\n" + PLAIN, "lines skipped that begin with 'teapot'"),
         (PLAIN + "".join(f"word{i}\n" for i in range(9)), "and 4 other words"),
     ],

@@ -84,6 +84,11 @@ def test_lines_may_break_anywhere(blanks):
 @pytest.mark.parametrize(
     ("data", "note"),
     [
+        (
+            f"OFF\n5 3 0\n{behind(ROWS, '#')}{behind(FACES, 'red')}",
+            "words skipped that are no numbers, at the end of 3 lines",
+        ),
+        (f"COFF\n5 3 0\n{behind(ROWS, '1_0 0 0')}{FACES}", "words skipped that are no numbers, at the end of 5 lines"),
         (PLAIN + "the end\n", "1 line behind the end skipped"),
         (PLAIN + "3 0 1 2\n\n3 0 1 2\n", "2 lines behind the end skipped"),
         (PLAIN.replace("5 3", "5 6") + "2 0 1\n1 0\n0\n", "3 faces of fewer than three corners skipped"),

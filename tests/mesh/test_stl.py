@@ -101,6 +101,7 @@ def test_a_facet_of_four_corners_is_a_polygon():
     mesh = parsed(f"solid\n{facet(np.array([[2, 0, 0], [0.5, 0.5, 0], [0, 2, 0], [0, 0, 0]]))}endsolid\n")
     assert len(mesh.vertices) == 4
     assert mesh.faces.tolist() == [[1, 2, 3], [1, 3, 0]]
+    assert mesh.notes == ("1 facet of more than three corners cut into triangles",)
 
 
 @pytest.mark.parametrize(

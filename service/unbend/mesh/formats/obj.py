@@ -16,9 +16,9 @@ import numpy as np
 from unbend.arrays import Floats, Indices, Ints
 from unbend.errors import MeshReadError
 from unbend.mesh.formats.corners import whole
-from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh
+from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh, words_cut
 from unbend.mesh.formats.polygons import triangulated
-from unbend.mesh.formats.text import MARK, Table, lines_of, plain, shown, table, without_comments
+from unbend.mesh.formats.text import MARK, Table, leading_numbers, lines_of, plain, shown, table, without_comments
 from unbend.mesh.limits import MeshLimits
 
 _LOOKED_AT: Final = 2**20  # bytes that may stand before the first vertex; a file with more is told by its name
@@ -55,10 +55,10 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     points = [number for number, line in enumerate(lines.texts) if line[:2] in _POINT]
     polygons = [number for number, line in enumerate(lines.texts) if line[:2] in _FACE or line[:3] in _OUTLINE]
     limits.check(len(points), 0)
-    vertices = _vertices(lines, points)
+    vertices, odd = _vertices(lines, points)
     corners, counts = _corners(lines, polygons, points)
     faces, notes = triangulated(vertices, corners, counts, limits)
-    return ParsedMesh(vertices, faces, notes + _unknown(lines.texts))
+    return ParsedMesh(vertices, faces, odd + notes + _unknown(lines.texts))
 
 
 @dataclass(frozen=True)
@@ -87,16 +87,20 @@ class _Lines:
         return MeshReadError(f"{self.place(number)}: {what}, found {shown(self.texts[number])}")
 
 
-def _vertices(lines: _Lines, points: list[int]) -> Floats:
-    rows = table(b"\n".join([*(lines.texts[number][1:] for number in points), b""]))
+def _vertices(lines: _Lines, points: list[int]) -> tuple[Floats, tuple[str, ...]]:
+    text = b"\n".join([*(lines.texts[number][1:] for number in points), b""])
+    notes: tuple[str, ...] = ()
+    rows = table(text)
+    if rows.broken is not None:
+        text, cut = leading_numbers(text)
+        rows, notes = table(text), words_cut(cut)
     _check_numbers(rows, lines, points, "three coordinates expected")
     short = np.flatnonzero(rows.widths < 3)
     if len(short):
         raise lines.wrong(points[short[0]], "three coordinates expected")
     if len(rows.values) == 3 * len(points):
-        return rows.values.reshape(-1, 3)
-    places: Floats = rows.values[rows.starts[:, None] + np.arange(3)]  # a weight or colours follow
-    return places
+        return rows.values.reshape(-1, 3), notes
+    return rows.values[rows.starts[:, None] + np.arange(3)], notes  # a weight or colours follow
 
 
 def _corners(lines: _Lines, polygons: list[int], points: list[int]) -> tuple[Indices, Indices]:

@@ -8,10 +8,11 @@ words without such colours, if that comes out even; else by its lines as they ar
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,10 +21,10 @@ from unbend.arrays import Floats, Ints
 from unbend.errors import MeshFormatError, MeshReadError
 from unbend.mesh.formats.corners import check_corners
 from unbend.mesh.formats.off_words import Body, in_space
-from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh, left_over
+from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh, left_over, words_cut
 from unbend.mesh.formats.polygons import triangulated
 from unbend.mesh.formats.records import Field, read_rows
-from unbend.mesh.formats.text import MARK, lines_of, plain, without_comments
+from unbend.mesh.formats.text import MARK, leading_numbers, lines_of, plain, without_comments
 from unbend.mesh.limits import MeshLimits
 
 _HEADER: Final = 2**16  # bytes that may stand before the counts; a file with more announces nothing
@@ -80,17 +81,28 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     text = without_comments(plain(data))
     begin = _BEGIN.match(text[:_HEADER])
     key, end = (_Key(begin.group(1)), begin.end()) if begin else (_Key(b"OFF"), 0)
-    return _parse(Body.of(text[end:], text.count(b"\n", 0, end) + 1), key, limits)
+    line = text.count(b"\n", 0, end) + 1
+    try:
+        return _parse(Body.of(text[end:], line), key, limits)
+    except MeshReadError:
+        cut, lines = leading_numbers(text[end:])
+        if not lines:
+            raise
+        with contextlib.suppress(MeshReadError):
+            parsed = _parse(Body.of(cut, line), key, limits, lines_only=True)
+            return replace(parsed, notes=words_cut(lines) + parsed.notes)
+        raise
 
 
-def _parse(body: Body, key: _Key, limits: MeshLimits) -> ParsedMesh:
+def _parse(body: Body, key: _Key, limits: MeshLimits, *, lines_only: bool = False) -> ParsedMesh:
     body = body.without_dimension() if key.any_dimension else body
     vertices, faces = body.counts()
     limits.check(vertices, faces)
     refused: list[MeshReadError] = []
     for strict in (True, False):
         refused = []
-        ways = itertools.product(body.behind_counts(), (None, *key.widths), (False, True))
+        widths = (None,) if lines_only else (None, *key.widths)
+        ways = itertools.product(body.behind_counts(), widths, (False,) if lines_only else (False, True))
         for begin, columns, by_words in ways:
             try:
                 points, end = body.vertices(begin, vertices, key.coordinates, columns, strict=strict)

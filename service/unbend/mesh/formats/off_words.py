@@ -114,8 +114,8 @@ class Body:
     def faces(self, begin: int, count: int, vertices: int, *, by_words: bool, strict: bool) -> Polygons:
         """Return the faces: in a line each, or by words.
 
-        Behind words nothing may follow, and behind lines neither if `strict`; these must then be alike, and hold no
-        face of fewer than three corners.
+        Behind words nothing may follow, and behind lines neither if `strict`; these must then be alike. Only lines
+        that are not may hold faces of fewer than three corners.
         """
         if by_words:
             return self._faces_by_words(begin, count, vertices)
@@ -145,6 +145,8 @@ class Body:
         if rows.end != 8 * len(self.values) or self.broken is not None:
             raise MeshReadError("the off file goes on behind its last face")
         found, sizes = rows.columns["corners"]
+        if (sizes < 3).any():  # as words that are one too few or too many are taken for
+            raise MeshReadError("a face of the off file has fewer than three corners")
         corners = whole(found, sizes, "face {}".format)
         check_corners(corners, sizes, vertices, "face {}".format)
         return corners, sizes, ()

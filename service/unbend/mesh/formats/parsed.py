@@ -27,6 +27,11 @@ def left_over(count: int, noun: str) -> tuple[str, ...]:
     return (f"{counted_noun(count, noun, noun + 's')} behind the end skipped",) if count > 0 else ()
 
 
+def words_cut(lines: int) -> tuple[str, ...]:
+    """Return the note on lines that end in words that are no numbers."""
+    return (f"words skipped that are no numbers, at the end of {counted_noun(lines, 'line', 'lines')}",)
+
+
 @dataclass(frozen=True)
 class MeshFormat:
     """One file format.

@@ -100,6 +100,9 @@ def _read_text(data: bytes, limits: MeshLimits) -> ParsedMesh:
     vertices = _vertices([lines[number] for number in at], lambda index: place(int(at[index])))
     counts = _corners(lines, at, place)
     faces, notes = triangulated(vertices, np.arange(len(vertices)), counts, limits)
+    many = int((counts > 3).sum())
+    if many:
+        notes += (f"{counted_noun(many, 'facet', 'facets')} of more than three corners cut into triangles",)
     return ParsedMesh(vertices, faces, notes + _told(lines, ends))
 
 

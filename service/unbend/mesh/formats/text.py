@@ -108,6 +108,21 @@ def _widths(text: bytes, lines: Indices) -> Indices:
     return np.add.reduceat(begins, lines, dtype=np.int64)
 
 
+def leading_numbers(text: bytes) -> tuple[bytes, int]:
+    """Return text whose lines end before their first word that is no number, and how many lines were cut.
+
+    A line that begins with such a word stays as it is, and so does one that has run into another, with its `v` or `f`.
+    """
+    lines, cut = text.split(b"\n"), 0
+    for number, line in enumerate(lines):
+        words = line.split()
+        good = next((i for i, word in enumerate(words) if not _NUMBER.fullmatch(word)), len(words))
+        if 0 < good < len(words) and words[good].lower() not in (b"v", b"f"):
+            lines[number] = b" ".join(words[:good])
+            cut += 1
+    return b"\n".join(lines), cut
+
+
 def lines_of(key: str, rows: NDArray[Any], item: str = "%r") -> str:
     """Return rows (n, k) of numbers as text, each line behind a key; every digit of a number is kept."""
     per_row = rows.shape[1] // item.count("%")

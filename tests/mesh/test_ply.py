@@ -161,6 +161,8 @@ def test_a_reader_of_others_finds_the_same():
         (TEXT.replace("4 0 2", "-4 0 2").encode(), "-4"),
         (TEXT.replace("4 0 2", "nan 0 2").encode(), "nan"),
         (TEXT.replace("0 0 0\n", "0 0 0 255 0 0\n").encode(), "line 11: 6 numbers"),
+        (TEXT.replace("1 1 0", "1 1").encode(), "line 13: 2 numbers, not as many as the header says"),
+        (TEXT.replace("1 1 0\n0 1 0", "1 1\n0 0 1 0").encode(), "line 13: 2 numbers"),
         (TEXT.replace("3 0 1 4", "3 0 1 4.5").encode(), "face 2 .*: 4.5 is not a vertex"),
         (TEXT.replace("3 0 1 4", "3 0 1 1e300").encode(), r"1e\+300 is not a vertex"),
         (TEXT.replace("3 0 1 4", "3 0 1 nan").encode(), "nan is not a vertex"),

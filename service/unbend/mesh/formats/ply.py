@@ -94,12 +94,13 @@ def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str,
     starts = 8 * numbers.starts[numbers.widths > 0]
     behind = int((starts >= end).sum())
     behind += 0 if numbers.broken is None else sum(1 for line in lines[numbers.broken :] if line.strip())
-    if not behind and end == 8 * len(numbers.values):
-        return rows, ()
-    begins = np.concatenate([*(found.begins for found in rows.values()), [end]])
-    within = np.flatnonzero(~np.isin(begins, np.append(starts, 8 * len(numbers.values))))
-    if len(within):
-        _check_line(numbers, lines, header, int(np.searchsorted(8 * numbers.starts, begins[within[0]]) - 1))
+    begins = np.concatenate([found.begins for found in rows.values()])
+    if len(begins) == len(starts) - int((starts >= end).sum()) or behind:  # else lines do not count
+        within = np.flatnonzero(~np.isin(np.append(begins, end), np.append(starts, 8 * len(numbers.values))))
+        if len(within):
+            line = int(np.searchsorted(8 * numbers.starts, np.append(begins, end)[within[0]])) - 1
+            wrong = _misfit(numbers, header.elements)
+            _check_line(numbers, lines, header, line if wrong is None else wrong)
     return rows, left_over(behind, "line")
 
 

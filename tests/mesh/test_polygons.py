@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 
 import numpy as np
 import pytest
@@ -94,6 +95,28 @@ def test_corners_on_a_line_are_not_lost():
         assert set(faces.ravel()) == set(range(len(points)))
         assert np.abs(areas(turned, faces)[:, 2]).sum() == pytest.approx(7)
         assert notes == ()
+
+
+def test_a_hole_that_a_bridge_joins_to_the_outline_stays_a_hole():
+    points = in_plane([[0, 0], [4, 0], [4, 4], [0, 4], [1, 1], [1, 3], [3, 3], [3, 1], [0, 0], [1, 1]])
+    for ring in ([0, 1, 2, 3, 0, 4, 5, 6, 7, 4], [0, 1, 2, 3, 8, 9, 5, 6, 7, 4]):
+        for turn in range(len(ring)):
+            faces, notes = cut(points, [np.roll(ring, turn)])
+            np.testing.assert_array_less(0, areas(points, faces)[:, 2])
+            assert areas(points, faces)[:, 2].sum() == pytest.approx(12)
+            assert set(faces.ravel()) == set(ring)
+            assert notes == ()
+
+
+def test_a_spiral_of_thousands_of_corners_takes_no_time():
+    turn = np.linspace(0, 8 * np.pi, 4000)
+    inner, outer = (np.column_stack([(turn + d) * np.cos(turn), (turn + d) * np.sin(turn)]) for d in (0, 2))
+    points = in_plane(np.concatenate([inner, outer[::-1]]))
+    begun = time.process_time()
+    faces, notes = cut(points)
+    assert time.process_time() - begun < 3
+    assert np.abs(areas(points, faces)[:, 2]).sum() == pytest.approx(np.linalg.norm(shoelace(points)))
+    assert notes == ()
 
 
 def test_good_polygons_are_fans_around_their_first_corner():

@@ -46,7 +46,8 @@ def check(data: str | bytes, hint: str | None = None) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize(
-    "header", [b"", b"solid made by", b"solid facet normal", b"ply\n", b"OFF 2 3 4", b"v 1 2 3\nf 1"]
+    "header",
+    [b"", b"solid made by", b"solid facet normal", b"ply\n", b"OFF 2 3 4", b"v 1 2 3\nf 1", b"glTF\2\0\0\0", b"PK\3\4"],
 )
 @pytest.mark.parametrize(("behind", "notes"), [(b"", ()), (b"x", ("1 byte behind the end skipped",)), (bytes(92), ...)])
 def test_a_binary_file_is_told_by_its_length(header, behind, notes):

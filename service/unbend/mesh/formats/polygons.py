@@ -182,8 +182,10 @@ def _with_all_corners(ears: Indices, count: int) -> Indices:
     while waiting:
         triangle = waiting.pop()
         for a, b, c in (triangle, triangle[1:] + triangle[:1], triangle[2:] + triangle[:2]):
+            if (a, b) not in edges or (b, a) in edges:
+                continue
             between = [corner % count for corner in range(a + 1, a + (b - a) % count)]
-            if (a, b) in edges and (b, a) not in edges and between and used.isdisjoint(between):
+            if between and used.isdisjoint(between):
                 chain = [a, *between, b]
                 waiting += [[chain[i], chain[i + 1], c] for i in range(len(chain) - 1)]
                 break

@@ -11,4 +11,4 @@ from unbend.mesh.formats.parsed import MeshFormat
 from unbend.mesh.formats.ply import PLY
 from unbend.mesh.formats.stl import STL
 
-REGISTRY: Final[dict[str, MeshFormat]] = {known.name: known for known in (GLB, STL, PLY, OFF, OBJ)}
+REGISTRY: Final[dict[str, MeshFormat]] = {known.name: known for known in (STL, GLB, PLY, OFF, OBJ)}

@@ -111,6 +111,13 @@ def _off() -> list[bytes]:
         b"NOFF\r\n5 2 0\r\n" + normals + quad + rest,
         b"STOFF\n5 2 0\n" + texture + quad + rest,
         b"OFF\n6 1 0\n" + rows + b"2 2 2\n5 0 1 2 5 3\n",
+        b"OFF6 1 0\n" + rows + b"0.5 0.2 0\n5 0 1 2 3 5\n",
+        b"off\n5\n2\n0\n" + (rows + quad + rest).replace(b" ", b"\n"),
+        b"4OFF\n5 2 0\n" + rows.replace(b"\n", b" 2\n") + quad + rest,
+        b"COFF BINARY\n"
+        + struct.pack(">3i", 5, 2, 0)
+        + np.ones((5, 7), ">f4").tobytes()
+        + struct.pack(">5ii4ii", 4, 0, 1, 2, 3, 0, 3, 0, 1, 4, 0),
     ]
 
 
@@ -125,6 +132,7 @@ def _obj() -> list[bytes]:
         b"mtllib x.mtl\n" + rows.replace(b"\n", b" 1.0 0.5 0.2\n") + b"s off\nf 1//1 2//1 3//1 4//1 5//1\n",
         rows.replace(b" 0\n", b" \\\n0\n") + b"# end\nf 1 2 \\\n 3\nl 1 2\nf 1 3 4\n",
         rows.replace(b"\n", b"\r\n") + b"\t f 1 2 5\r\n",
+        b"\xef\xbb\xbf" + rows.replace(b"\n", b"\r") + b"v 0.5 0.2 0\rF 1 2 3 4 6\rf 1 2\rodd\r",
     ]
 
 
@@ -152,6 +160,15 @@ def _ply() -> list[bytes]:
         f"{head}comment TextureFile x.png\n{_PLY_VERTEX}{_PLY_FACE}end_header\r\n{text}".encode(),
         *(_binary_ply(order, extra) for order in "<>" for extra in (False, True)),
         _binary_ply("<", extra=False, corners=((0, 1, 2, 3), (0, 1, 4))),
+        _binary_ply(">", extra=True, corners=((0, 1), (0, 1, 2, 3, 4))) + b"more",
+        (
+            _PLY_HEAD.format("binary_little_endian") + _PLY_VERTEX + "element tristrips 1\n"
+            "property list int int vertex_indices\nend_header\n"
+        )
+        .replace("\n", "\r")
+        .encode()
+        + np.array(_POINTS, "<f4").tobytes()
+        + struct.pack("<9i", 8, 0, 1, 3, 2, -1, 0, 1, 4),
     ]
 
 
@@ -182,6 +199,9 @@ def _stl() -> list[bytes]:
         text,
         text + text.replace(b"first", b"second").replace(b"\n", b"\r\n"),
         text.upper(),
+        b"\xef\xbb\xbf" + text.replace(b"endsolid first\n", b"").replace(b"\n", b"\r"),
+        text.replace(b"\n", b" ").replace(b"vertex 0 1 0 endloop", b"vertex 0.2 0.2 0 vertex 0 1 0 endloop"),
+        mesh.export(file_type="stl") + bytes(92),
     ]
 
 
@@ -199,6 +219,8 @@ def _glb() -> list[bytes]:
         }},
         accessors[1],
     ]  # fmt: skip
+    skinned = [{"mesh": 0, "skin": 0, "scale": [3, 3, 3]}, {}]
+    only = [{key: value for key, value in sparse[0].items() if key != "bufferView"}, accessors[1]]
     stride = [layout["bufferViews"][0] | {"byteStride": 12, "target": 34962}, layout["bufferViews"][1]]
     empty = [{key: value for key, value in accessor.items() if key != "bufferView"} for accessor in accessors]
     draco = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
@@ -211,6 +233,9 @@ def _glb() -> list[bytes]:
         glb(layout | {"scenes": [{"nodes": [0]}], "nodes": nodes}, data),
         glb(layout | {"scenes": [{"nodes": [0, 1]}], "nodes": turned}, data),
         glb(layout | {"accessors": sparse}, data),
+        glb(layout | {"accessors": only}, data),
+        glb(layout | {"nodes": skinned, "skins": [{"joints": [1]}], "animations": [{}]}, data + bytes(4)),
+        glb({key: value for key, value in layout.items() if "scene" not in key and key != "nodes"}, data),
         glb(layout | {"bufferViews": stride}, data),
         glb(layout | {"meshes": [{"primitives": [plain, plain | {"mode": 5}, plain | {"mode": 6}]}]}, data),
         glb(layout | {"buffers": embedded}),

@@ -128,3 +128,9 @@ DENSITY_FLOOR: Final = 1e-12
 
 Only needles of twenty orders of magnitude come near it; without it the diffusion kernel divides by zero there.
 """
+
+FLAT_CORNER: Final = 1e-6
+"""By how much of a polygon's area the triangles that cut it may overlap.
+
+Corners on a line are off it by about as much when they were rounded to single precision.
+"""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unbend.errors import ParameterError
-from unbend.mesh.formats.detect import FORMATS
+from unbend.mesh.formats import FORMATS
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import multiprocessing
 import os
 import resource
@@ -51,7 +50,6 @@ def limit_process(memory_bytes: int | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
     threadpool_limits(1)  # the pool has a process for every core
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what it says of a damaged file, the job's error says
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     with contextlib.suppress(OSError):

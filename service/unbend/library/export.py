@@ -18,7 +18,8 @@ from unbend.errors import ParameterError
 from unbend.library.engine import Store
 from unbend.library.records import ShapeRecord
 from unbend.library.shapes import MAX_PAGE, get_mesh, list_shapes
-from unbend.mesh.formats.detect import FORMATS, detect_format
+from unbend.mesh.formats import FORMATS
+from unbend.mesh.formats.detect import detect_format
 
 LABELS: Final = "labels.csv"
 _COLUMNS: Final = (

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
-import trimesh
 
-from unbend.arrays import Floats, Indices
 from unbend.errors import MeshError, MeshReadError
-from unbend.mesh.formats.announced import announced
 from unbend.mesh.formats.detect import detect_format
-from unbend.mesh.formats.glb import read_glb
-from unbend.mesh.formats.ply import read_ply
-from unbend.mesh.formats.quick import QUICK
-from unbend.mesh.formats.text import bare_obj, check_off, one_solid
+from unbend.mesh.formats.parsed import ParsedMesh
+from unbend.mesh.formats.registry import REGISTRY
 from unbend.mesh.limits import UNLIMITED, MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.rows import equal_points
 from unbend.mesh.surface import Surface
-
-_PREPARE: dict[str, Callable[[bytes], bytes]] = {"obj": bare_obj, "stl": one_solid}
-_CHECK: dict[str, Callable[[bytes], None]] = {"off": check_off}
 
 
 def read_mesh(
@@ -56,9 +47,9 @@ def read_mesh(
     Returns
     -------
     Surface
-        Vertices in the order of the file, none welded; those of stl, which has no shared vertices, are merged
-        where their coordinates are equal. Where the policy has the mesh simplified, `vertex_map` says where its
-        vertices went. `report` says what was found and done.
+        Vertices in the order of the file, none welded; in an stl file each facet has three of its own. Where the
+        policy has the mesh simplified, `vertex_map` says where its vertices went. `report` says what was found and
+        done, and what of the file was skipped.
 
     Raises
     ------
@@ -78,13 +69,10 @@ def read_mesh(
     data, hint = _bytes_of(source)
     kind = detect_format(data, (file_type or hint).lower().lstrip("."))
     limits = limits or UNLIMITED
-    limits.check(*announced(data, kind))
-    vertices, faces = _parse(data, kind, limits)
-    if kind == "stl":
-        vertices, faces = _weld(vertices, faces)
-    limits.check(len(vertices), len(faces))
+    limits.check(*REGISTRY[kind].announced(data))
+    parsed = _parse(data, kind, limits)
     report("repairing")
-    return repair(vertices, faces, file_type=kind, policy=policy)
+    return repair(parsed.vertices, parsed.faces, file_type=kind, notes=parsed.notes, policy=policy)
 
 
 def _bytes_of(source: bytes | str | Path | BinaryIO) -> tuple[bytes, str]:
@@ -96,49 +84,24 @@ def _bytes_of(source: bytes | str | Path | BinaryIO) -> tuple[bytes, str]:
     return source.read(), ""
 
 
-def _parse(data: bytes, kind: str, limits: MeshLimits) -> tuple[Floats, Indices]:
-    if kind in QUICK and (plain := QUICK[kind](data)):
-        return plain
-    if kind in _CHECK:
-        _CHECK[kind](data)
-    data = _PREPARE[kind](data) if kind in _PREPARE else data
+def _parse(data: bytes, kind: str, limits: MeshLimits) -> ParsedMesh:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # NumPy's word for numbers cut short
             warnings.simplefilter("ignore", RuntimeWarning)
-            if kind == "glb":
-                return read_glb(data, limits)
-            if kind == "ply":
-                return read_ply(data)
-            loaded = _load(data, kind)
-    except MeshError:
-        raise
-    except MemoryError:
+            parsed = REGISTRY[kind].read(data, limits)
+    except (MeshError, MemoryError):
         raise
     except Exception as error:  # a damaged file fails in as many ways as there are damages
         raise MeshReadError(f"the {kind} file is damaged or incomplete") from error
-    vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), dtype=np.float64)
-    faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.int64)
-    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
-
-
-def _load(data: bytes, kind: str) -> Any:
-    # Processing off: nothing is welded, dropped or reordered.
-    scene = trimesh.load_scene(
-        io.BytesIO(data),
-        file_type=kind,
-        process=False,
-        maintain_order=True,
-        skip_materials=True,
-        fix_texture=False,
-    )
-    parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
-    if not parts:
+    if not len(parsed.faces):
         raise MeshReadError(f"the {kind} file holds no triangles")
-    return parts[0] if len(parts) == 1 else trimesh.util.concatenate(parts)
+    limits.check(_places(parsed, kind, limits), len(parsed.faces))
+    return parsed
 
 
-def _weld(vertices: Floats, faces: Indices) -> tuple[Floats, Indices]:
-    first = equal_points(vertices)
-    kept = first == np.arange(len(vertices))  # the first of equal ones stands for all, so the file's order stays
-    return vertices[kept], (np.cumsum(kept) - 1)[first][faces]
+def _places(parsed: ParsedMesh, kind: str, limits: MeshLimits) -> int:
+    """Return how many vertices count: of stl, in which each facet has its own, as many as there are places."""
+    number = len(parsed.vertices)
+    if kind != "stl" or limits.vertices is None or number <= limits.vertices:
+        return number
+    return int((equal_points(parsed.vertices) == np.arange(number)).sum())

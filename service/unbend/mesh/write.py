@@ -7,13 +7,10 @@ import json
 from typing import Any, Final
 
 import numpy as np
-import trimesh
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import ParameterError
-from unbend.mesh.formats.written import obj_text, off_text
+from unbend.mesh.formats.registry import REGISTRY
 
 MESH_FORMATS: Final = ("ply", "obj", "off", "glb")
 ALL_FORMATS: Final = (*MESH_FORMATS, "json", "npz")
@@ -69,18 +66,6 @@ def write_mesh(
     finite = {name: np.where(np.isfinite(array), array, 0) for name, array in arrays.items()}
     if file_type == "json":
         return json.dumps({name: array.tolist() for name, array in finite.items()}).encode()
-    return _write_finite(file_type, finite["vertices"], faces, finite.get("colours"), finite.get("uv"))
-
-
-def _write_finite(file_type: str, vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:
-    if file_type == "obj":
-        return obj_text(vertices, faces, colours, uv).encode()
-    if file_type == "off":
-        return off_text(vertices, faces, colours).encode()
-    bytes_ = None if colours is None else np.rint(255 * colours).astype(np.uint8)
-    mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_colors=bytes_)
-    if uv is not None:
-        plain = PBRMaterial()  # type: ignore[no-untyped-call]  # the default one needs an imaging library
-        mesh.visual = TextureVisuals(uv=uv, material=plain)  # type: ignore[no-untyped-call]
-    data: Any = mesh.export(file_type=file_type)
-    return bytes(data)
+    write: Any = REGISTRY[file_type].write
+    data: bytes = write(finite["vertices"], faces, finite.get("colours"), finite.get("uv"))
+    return data

@@ -1,215 +1,183 @@
-"""ply files: positions and faces; every other element and property is stepped over.
+"""ply files: positions, polygons and strips of triangles; every other element and property is stepped over.
 
-Read here and not by trimesh, which takes all rows of a binary element to be as long as the first, so that triangles
-beside quads are refused or come out wrong, and a file of text that ends early for a smaller mesh.
+Text is read as if it were binary, with every number a double. Rows of text stand in lines of their own, or lines do not
+count at all: then the words must come out even, for a line with a number too many would shift all that follow.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
-import struct
-from dataclasses import dataclass
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 import numpy as np
 
-from unbend.arrays import Floats, Indices
+from unbend.arrays import Floats, Indices, Ints
 from unbend.errors import MeshReadError
+from unbend.mesh.formats.corners import check_corners, whole
+from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh, left_over
+from unbend.mesh.formats.ply_header import HEADER, MAGIC, Element, Header, read_header
+from unbend.mesh.formats.polygons import triangulated
+from unbend.mesh.formats.records import Column, Rows, read_rows
+from unbend.mesh.formats.strips import strip_faces
+from unbend.mesh.formats.text import Table, plain, shown, table
+from unbend.mesh.limits import MeshLimits
 
-_TYPES: Final = {
-    "char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h", "ushort": "H", "uint16": "H",
-    "int": "i", "int32": "i", "uint": "I", "uint32": "I", "float": "f", "float32": "f", "double": "d", "float64": "d",
-}  # fmt: skip
-_ORDERS: Final = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
-_END: Final = re.compile(rb"^end_header[ \t]*(\r\n|\n|\r|$)", re.MULTILINE)
+_COUNTS: Final = re.compile(rb"^element[ \t]+(vertex|face)[ \t]+(\d{1,18})[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
+_NO_ROWS: Final = re.compile(rb"^[ \t]*(?:comment|obj_info|#)[^\n]*", re.MULTILINE)
+_TRIANGLES: Final = ("face", "tristrips")  # elements
 _CORNERS: Final = ("vertex_indices", "vertex_index")
-_MOST: Final = 2**31  # corners of a face
-
-Column = tuple[Any, Any]
-"""Values of all rows, one after the other, and how many each row has."""
 
 
-@dataclass(frozen=True)
-class _Property:
-    name: str
-    kind: str
-    """As `struct` and NumPy call it."""
-    counter: struct.Struct | None
-    """Of a list: what precedes its values."""
-
-    @property
-    def width(self) -> int:
-        return struct.calcsize(self.kind)
+def recognises(data: bytes) -> bool:
+    """Say whether a file begins with the word ply in a line of its own."""
+    return bool(MAGIC.match(data[:64]))
 
 
-@dataclass(frozen=True)
-class _Element:
-    name: str
-    length: int
-    properties: tuple[_Property, ...]
+def announced(data: bytes) -> tuple[int, int]:
+    """Return the vertices and faces that the header announces."""
+    header = data[:HEADER].partition(b"end_header")[0].replace(b"\r", b"\n")
+    counts = {name.lower(): int(count) for name, count in _COUNTS.findall(header)}
+    return counts.get(b"vertex", 0), counts.get(b"face", 0)
 
 
-def read_ply(data: bytes) -> tuple[Floats, Indices]:
-    """Return vertices (n, 3) and faces (m, 3), polygons cut into triangles.
+def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
+    """Return the mesh of a ply file."""
+    header = read_header(data)
+    places = {field.name for element in header.elements if element.name == "vertex" for field in element.fields}
+    if missing := sorted({"x", "y", "z"} - places):
+        raise MeshReadError(f"the vertices of the ply file have no {missing[0]}")
+    corners_of = {element.name: _corners_of(element) for element in header.elements if element.name in _TRIANGLES}
+    if not corners_of:
+        raise MeshReadError("the ply file holds no triangles: it has neither faces nor strips")
+    rows, notes = _text_rows(data, header) if header.text else _binary_rows(data, header)
+    vertices = _vertices(rows)
+    limits.check(len(vertices), 0)
+    faces = [np.empty((0, 3), np.int64)]
+    for name, corners_name in corners_of.items():
+        column = rows[name].columns[corners_name]
+        if name == "face":
+            polygons, told = triangulated(vertices, *_corners(column, len(vertices)), limits)
+            faces.append(polygons)
+            notes += told
+        else:
+            faces.append(_strips(column, len(vertices), limits))
+    return ParsedMesh(vertices, np.concatenate(faces), header.notes + notes)
 
-    Raises
-    ------
-    MeshReadError
-        If the file is damaged, ends early, or goes on behind its last element.
-    """
-    text, elements, body = _split(data)
-    if text:  # as if it were binary, with every number a double
-        body = np.fromstring(body, np.float64, sep=" ").astype("<f8").tobytes()
-    position, vertices, faces = 0, np.empty((0, 3)), np.empty((0, 3), np.int64)
+
+def _binary_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str, ...]]:
+    rows, position = _read_elements(data, header.end, header.elements)
+    behind = data[position:]
+    return rows, left_over(len(behind) if behind.strip(b"\0 \t\r\n") else 0, "byte")
+
+
+def _read_elements(body: bytes, position: int, elements: tuple[Element, ...]) -> tuple[dict[str, Rows], int]:
+    rows = {}
     for element in elements:
-        columns, position = _columns(body, position, element)
-        if element.name == "vertex":
-            vertices = np.stack([columns[axis][0] for axis in "xyz"], axis=1).astype(np.float64)
-        elif element.name == "face":
-            faces = _triangles(*columns[_corners_of(element)])
-    if body[position:].strip(b"\0 \t\r\n"):
-        raise MeshReadError(f"the ply file goes on behind its last element, for {len(body) - position} bytes")
-    return vertices, faces
+        try:
+            rows[element.name] = read_rows(body, position, element.length, element.fields)
+        except MeshReadError as error:
+            raise MeshReadError(f"element {shown(element.name)} of the ply file: {error}") from None
+        position = rows[element.name].end
+    return rows, position
 
 
-def _split(data: bytes) -> tuple[bool, list[_Element], bytes]:
-    """Return whether the file is text, its elements, and what follows the header."""
-    end = _END.search(data)
-    if not end:
-        raise MeshReadError("the header of the ply file does not end")
-    order, name = "", ""
-    lengths, properties = dict[str, int](), dict[str, list[_Property]]()
-    for number, line in enumerate(data[: end.start()].decode("utf-8", "replace").splitlines(), start=1):
-        match line.split():
-            case ["format", word, *_] if word in _ORDERS:
-                order = word
-            case ["element", name, count] if count.isdecimal() and len(count) < 19 and name not in lengths:
-                lengths[name], properties[name] = int(count), []
-            case ["property", *words] if name:
-                properties[name].append(_property(words, order, number))
-            case ["ply" | "comment" | "obj_info", *_] | []:
-                pass
-            case _:
-                _refuse(number, line)
-    if not order:
-        raise MeshReadError("the header of the ply file names no format")
-    elements = [_Element(name, length, tuple(properties[name])) for name, length in lengths.items()]
-    return order == "ascii", elements, data[end.end() :]
+def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str, ...]]:
+    text = plain(data[header.end :])
+    text = _NO_ROWS.sub(b"", text) if b"comment" in text or b"obj_info" in text or b"#" in text else text
+    numbers, lines = table(text), text.split(b"\n")
+    try:
+        rows, end = _read_elements(numbers.values.tobytes(), 0, header.elements)
+    except MeshReadError:
+        _check_line(numbers, lines, header, _misfit(numbers, header.elements))
+        raise
+    starts = 8 * numbers.starts[numbers.widths > 0]
+    behind = int((starts >= end).sum())
+    behind += 0 if numbers.broken is None else sum(1 for line in lines[numbers.broken :] if line.strip())
+    begins = np.concatenate([found.begins for found in rows.values()])
+    if len(begins) == len(starts) - int((starts >= end).sum()) or behind:  # else lines do not count
+        within = np.flatnonzero(~np.isin(np.append(begins, end), np.append(starts, 8 * len(numbers.values))))
+        if len(within):
+            line = int(np.searchsorted(8 * numbers.starts, np.append(begins, end)[within[0]])) - 1
+            wrong = _misfit(numbers, header.elements)
+            _check_line(numbers, lines, header, line if wrong is None else wrong)
+    return rows, left_over(behind, "line")
 
 
-def _property(words: list[str], order: str, number: int) -> _Property:
-    if not order or any(word not in _TYPES for word in words[1 if words[:1] == ["list"] else 0 : -1]):
-        _refuse(number, " ".join(words))
-    kinds = [_ORDERS[order] + ("d" if order == "ascii" else _TYPES[word]) for word in words[:-1] if word != "list"]
-    if len(kinds) != (2 if words[0] == "list" else 1):
-        _refuse(number, " ".join(words))
-    return _Property(words[-1], kinds[-1], struct.Struct(kinds[0]) if words[0] == "list" else None)
+def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
+    """Return the first line that has not as many numbers as a row of its element; up to the first with lists."""
+    filled = np.flatnonzero(numbers.widths)
+    begin = 0
+    for element in itertools.takewhile(lambda element: not any(field.counter for field in element.fields), elements):
+        rows = filled[begin : begin + element.length]
+        wrong = rows[numbers.widths[rows] != len(element.fields)]
+        if len(wrong):
+            return int(wrong[0])
+        begin += element.length
+    return None
 
 
-def _refuse(number: int, line: str) -> NoReturn:
-    raise MeshReadError(f"line {number}: {line[:40]!r} means nothing in the header of a ply file")
+def _check_line(numbers: Table, lines: list[bytes], header: Header, wrong: int | None) -> None:
+    """Raise MeshReadError about the line `wrong`, or the one that holds something else than numbers, if any."""
+    at = numbers.broken if wrong is None else wrong
+    if at is None:
+        return
+    what = "numbers expected" if wrong is None else f"{numbers.widths[at]} numbers, not as many as the header says"
+    raise MeshReadError(f"line {header.lines + at + 1}: {what}, found {shown(lines[at])}")
 
 
-def _columns(body: bytes, start: int, element: _Element) -> tuple[dict[str, Column], int]:
-    """Return an element's properties by name, and where it ends."""
-    if element.length == 0 or not element.properties:
-        empty = np.empty(0), np.empty(0, np.int64)
-        return {item.name: empty for item in element.properties}, start
-    return _alike(body, start, element) or _one_by_one(body, start, element)
+def _vertices(rows: dict[str, Rows]) -> Floats:
+    columns: dict[str, Column] = rows["vertex"].columns
+    axes: list[Any] = [columns[axis][0] for axis in "xyz"]
+    if len({len(values) for values in axes}) > 1 or len(axes[0]) != len(columns["x"][1]):
+        raise MeshReadError("the coordinates of the ply file are lists")
+    return np.stack(axes, axis=1).astype(np.float64)
 
 
-def _alike(body: bytes, start: int, element: _Element) -> tuple[dict[str, Column], int] | None:
-    """Read an element all rows of which have lists as long as the first row's; None if they have not."""
-    places, position = [], start
-    for item in element.properties:
-        count = 1
-        if item.counter:
-            count = _count(body, position, item.counter)
-            position += item.counter.size
-        places.append((position, count))
-        position += count * item.width
-    row, length = position - start, element.length
-    if start + row * length > len(body):
-        return None
-    columns = {}
-    for item, (place, count) in zip(element.properties, places, strict=True):
-        if item.counter:
-            counter = item.counter.format
-            counts: Any = np.ndarray((length,), counter, body, place - item.counter.size, (row,))
-            if (counts != count).any():
-                return None
-        values: Any = np.ndarray((length, count), item.kind, body, place, (row, item.width))
-        columns[item.name] = values.ravel(), np.full(length, count)
-    return columns, start + row * length
-
-
-def _one_by_one(body: bytes, start: int, element: _Element) -> tuple[dict[str, Column], int]:
-    places: list[list[int]] = [[] for _ in element.properties]
-    counts: list[list[int]] = [[] for _ in element.properties]
-    position = start
-    for _ in range(element.length):
-        for number, item in enumerate(element.properties):
-            count = 1
-            if item.counter:
-                count = _count(body, position, item.counter)
-                position += item.counter.size
-            places[number].append(position)
-            counts[number].append(count)
-            position += count * item.width
-        if position > len(body):
-            _early()
-    columns = {
-        item.name: _gathered(body, item, np.array(places[number]), np.array(counts[number]))
-        for number, item in enumerate(element.properties)
-    }
-    return columns, position
-
-
-def _count(body: bytes, position: int, counter: struct.Struct) -> int:
-    if position + counter.size > len(body):
-        _early()
-    count = counter.unpack_from(body, position)[0]
-    if not (0 <= count < _MOST and count == int(count)):
-        raise MeshReadError(f"a list of {count} values in the ply file")
-    return int(count)
-
-
-def _early() -> NoReturn:
-    raise MeshReadError("the ply file ends early: rows that its header announces are missing")
-
-
-def _gathered(body: bytes, item: _Property, places: Indices, counts: Indices) -> Column:
-    """Return the values at some places in the body, as many as each has."""
-    found = np.empty(int(counts.sum()), item.kind)
-    firsts = np.cumsum(counts) - counts
-    raw = np.frombuffer(body, np.uint8)
-    for count in np.unique(counts[counts > 0]):
-        rows = counts == count
-        cells = raw[places[rows, None] + np.arange(count * item.width)]
-        found[firsts[rows, None] + np.arange(count)] = np.ascontiguousarray(cells).view(item.kind)
-    return found, counts
-
-
-def _corners_of(element: _Element) -> str:
+def _corners_of(element: Element) -> str:
     """Return the property that holds the corners of faces: by its name, or the only one."""
-    names = [item.name for item in element.properties]
-    found = [name for name in _CORNERS if name in names] or names[: len(names) == 1]
+    names = [field.name for field in element.fields]
+    lists = [field.name for field in element.fields if field.counter]
+    found = [name for name in _CORNERS if name in names] or lists[: len(lists) == 1]
     if not found:
-        raise MeshReadError(f"the faces of the ply file have no {_CORNERS[0]}")
+        raise MeshReadError(f"the {element.name} element of the ply file has no {_CORNERS[0]}")
     return found[0]
 
 
-def _triangles(corners: Any, counts: Indices) -> Indices:
-    """Cut polygons, as fans around their first corners, into triangles."""
-    if corners.dtype.kind == "f" and not (np.floor(corners) == corners).all():
-        raise MeshReadError("a corner of a face in the ply file is no whole number")
-    if len(corners) and not (abs(corners.astype(np.float64)) < 2.0**62).all():
-        raise MeshReadError("a corner of a face in the ply file is no vertex")
-    if (counts < 3).any():
-        row = int(np.flatnonzero(counts < 3)[0])
-        raise MeshReadError(f"face {row} of the ply file has {counts[row]} corners")
-    corners = corners.astype(np.int64)
-    each = counts - 2
-    polygon = np.repeat(np.cumsum(counts) - counts, each)
-    step = np.arange(len(polygon)) - np.repeat(np.cumsum(each) - each, each)
-    return np.stack([corners[polygon], corners[polygon + step + 1], corners[polygon + step + 2]], axis=1)
+def _corners(column: Column, vertices: int) -> tuple[Indices, Indices]:
+    values, counts = column
+    corners = whole(values, counts, "face {} of the ply file".format)
+    check_corners(corners, counts, vertices, "face {} of the ply file".format)
+    return corners, counts
+
+
+def _strips(column: Column, vertices: int, limits: MeshLimits) -> Indices:
+    """Return the triangles of strips, which -1 parts."""
+    values, counts = column
+    ends = np.cumsum(counts)
+    corners = np.insert(whole(values, counts, "strip {} of the ply file".format), ends, -1)
+    limits.check(vertices, int(np.maximum(np.diff(np.flatnonzero(np.append(-1, corners) == -1)) - 3, 0).sum()))
+    kept = np.where(corners == -1, 0, corners)
+    check_corners(kept, counts + 1, max(vertices, 1), "strip {} of the ply file".format)
+    return strip_faces(corners, corners == -1)
+
+
+def write(vertices: Floats, faces: Ints, colours: Floats | None, _uv: Floats | None) -> bytes:
+    """Return a binary ply file of single precision; `colours` are red, green, blue and alpha from 0 to 255."""
+    names = ["red", "green", "blue", "alpha"] if colours is not None else []
+    points = np.empty(len(vertices), [("place", "<f4", 3)] + [("colour", "u1", 4)] * bool(names))
+    points["place"] = vertices
+    if colours is not None:
+        points["colour"] = 255
+        points["colour"][:, :3] = np.rint(255 * colours)
+    polygons = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
+    polygons["count"], polygons["corners"] = 3, faces
+    properties = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {name}" for name in names]
+    lines = [
+        "ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}", *properties,
+        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", "",
+    ]  # fmt: skip
+    return "\n".join(lines).encode() + points.tobytes() + polygons.tobytes()
+
+
+PLY: Final = MeshFormat("ply", recognises, announced, read, write)

@@ -1,141 +1,130 @@
-"""What off, obj and stl files need before trimesh reads them, and where such a file is wrong."""
+"""Files of text: line ends, byte order marks, and lines of numbers read at once."""
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Iterator
+import warnings
+from dataclasses import dataclass
+from typing import Any, Final
 
-from unbend.errors import MeshReadError
-from unbend.mesh.formats.detect import is_binary_stl
+import numpy as np
+from numpy.typing import NDArray
 
-_WITHOUT_SLASH = re.compile(rb"/[^\s]*")
-_VERTEX_FIELDS = 3
-_SOLID = re.compile(rb"^[^\S\n]*(end)?solid\b[^\n]*\n?", re.MULTILINE | re.IGNORECASE)
+from unbend.arrays import Floats, Indices
+from unbend.mesh.formats.spans import firsts_of
+
+MARK: Final = b"\xef\xbb\xbf"
+"""The byte order mark that some editors put before UTF-8."""
+
+_NUMBER: Final = re.compile(rb"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
+_WORD: Final = re.compile(rb"\S+")
+_COMMENT: Final = re.compile(rb"#[^\n]*")
+_PADDING: Final = b"\0\x1a \t\r\n"  # and the end-of-file of old systems
+_SPACE, _NEWLINE = 32, 10
 
 
-def bare_obj(data: bytes) -> bytes:
-    """Return an obj file with only positions and faces.
+def plain(data: bytes) -> bytes:
+    """Return text without a byte order mark, padding at its end, or carriage returns: each line ends in a newline."""
+    text = data.removeprefix(MARK).rstrip(_PADDING) + b"\n"
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
-    trimesh makes a copy of a vertex for every texture coordinate or normal it is used with, and one mesh for
-    every material; without those, vertices stay as they are numbered in the file.
+
+def without_comments(text: bytes) -> bytes:
+    """Return text without what stands between # and the end of a line; lines stay where they are."""
+    return _COMMENT.sub(b"", text) if b"#" in text else text
+
+
+def line_of(text: bytes, position: int) -> bytes:
+    """Return the line that `position` is in."""
+    begin = text.rfind(b"\n", 0, position) + 1
+    end = text.find(b"\n", position)
+    return text[begin : end if end >= 0 else len(text)]
+
+
+def shown(text: bytes | str) -> str:
+    """Return the beginning of what a file holds as an error shows it."""
+    return repr((text if isinstance(text, str) else text.decode("utf-8", "replace")).strip()[:40])
+
+
+@dataclass(frozen=True)
+class Table:
+    """The numbers of some lines of text, up to the first line that holds something else."""
+
+    values: Floats
+    """All numbers, one after the other."""
+    widths: Indices
+    """How many each line has, (lines,)."""
+    broken: int | None
+    """The index of the line that holds something else, None if there is none."""
+
+    @property
+    def starts(self) -> Indices:
+        """Where in `values` each line begins, (lines,)."""
+        return firsts_of(self.widths)
+
+
+def table(text: bytes, fractions: int | None = None) -> Table:
+    """Return the numbers of `text`, line by line.
+
+    Where `fractions` is given, lines behind so many are expected to hold whole numbers: these are read several times
+    as fast.
     """
-    lines: list[bytes] = []
-    vertices, largest, where = 0, 0, 0
-    for number, line in _obj_lines(data):
+    lines = _lines(text)
+    widths = _widths(text, lines)
+    if not widths.any():
+        return Table(np.empty(0), widths, None)
+    whole_from = len(text) if fractions is None or fractions >= len(lines) else int(lines[fractions])
+    for begin in dict.fromkeys((whole_from, len(text))):
+        with contextlib.suppress(DeprecationWarning, ValueError):
+            values = np.append(_numbers(text[:begin], np.float64), _numbers(text[begin:], np.int64))
+            if len(values) == widths.sum():
+                return Table(values, widths, None)
+    # NumPy stopped early, or took one word for two numbers, as "1-2": find the word that is none
+    begin = next((word.start() for word in _WORD.finditer(text) if not _NUMBER.fullmatch(word[0])), len(text))
+    before = text[: text.rfind(b"\n", 0, begin) + 1]
+    widths = _widths(before, _lines(before))
+    return Table(_numbers(before, np.float64), widths, len(widths))
+
+
+def _numbers(text: bytes, kind: type) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy's word for what is no number
+        return np.fromstring(text, kind, sep=" ")
+
+
+def _lines(text: bytes) -> Indices:
+    """Return where lines begin; what follows the last newline is a line if it is not empty."""
+    begins = np.append(0, np.flatnonzero(np.frombuffer(text, np.uint8) == _NEWLINE) + 1)
+    return begins[begins < len(text)]
+
+
+def _widths(text: bytes, lines: Indices) -> Indices:
+    """Return how many words each line has."""
+    if not len(lines):
+        return np.empty(0, np.int64)
+    begins = np.frombuffer(text, np.uint8) > _SPACE
+    begins[1:] &= ~begins[:-1].copy()
+    return np.add.reduceat(begins, lines, dtype=np.int64)
+
+
+def leading_numbers(text: bytes) -> tuple[bytes, int]:
+    """Return text whose lines end before their first word that is no number, and how many lines were cut.
+
+    A line that begins with such a word stays as it is, and so does one that has run into another, with its `v` or `f`.
+    """
+    lines, cut = text.split(b"\n"), 0
+    for number, line in enumerate(lines):
         words = line.split()
-        if words[0] == b"v":
-            vertices += 1
-            lines.append(b" ".join(_numbers(words[1 : 1 + _VERTEX_FIELDS], number, line, prefix=b"v")))
-        elif words[0] == b"f":
-            corners = [_corner(word, vertices, number) for word in words[1:]]
-            if len(corners) < 3:
-                raise MeshReadError(f"line {number}: a face with {len(corners)} corners")
-            lines.append(b"f " + b" ".join(map(b"%d".__mod__, corners)))
-            if max(corners) > largest:
-                largest, where = max(corners), number
-    if largest > vertices:
-        raise MeshReadError(f"line {where}: a face with vertex {largest}, but there are {vertices}")
-    return b"\n".join(lines) + b"\n"
+        good = next((i for i, word in enumerate(words) if not _NUMBER.fullmatch(word)), len(words))
+        if 0 < good < len(words) and words[good].lower() not in (b"v", b"f"):
+            lines[number] = b" ".join(words[:good])
+            cut += 1
+    return b"\n".join(lines), cut
 
 
-def one_solid(data: bytes) -> bytes:
-    """Return a text stl file with one solid, for trimesh makes a mesh of each; a binary one as it is.
-
-    Raises
-    ------
-    MeshReadError
-        If a solid does not end.
-    """
-    if is_binary_stl(data):
-        return data
-    ends = [bool(word) for word in _SOLID.findall(data)]
-    if not ends or ends != [False, True] * (len(ends) // 2):
-        raise MeshReadError("a solid of the stl file does not begin or does not end")
-    return b"solid\n" + _SOLID.sub(b"", data) + b"\nendsolid\n"
-
-
-def check_off(data: bytes) -> None:
-    """Say where an off file is damaged; trimesh takes a file that ends early for a smaller mesh.
-
-    Raises
-    ------
-    MeshReadError
-        If the counts are missing, or lines are missing or are not the numbers they should be.
-    """
-    lines = _off_lines(data)
-    number, counts = next(lines, (1, b""))
-    try:
-        vertices, faces = (int(word) for word in counts.split()[:2])
-    except ValueError:
-        raise MeshReadError(f"line {number}: the counts of vertices and faces are missing") from None
-    if vertices < 0 or faces < 0:
-        raise MeshReadError(f"line {number}: a count is negative")
-    found = 0
-    for found, (number, line) in enumerate(lines, start=1):
-        if found <= vertices:
-            _numbers(line.split()[:_VERTEX_FIELDS], number, line)
-        elif found <= vertices + faces:
-            _check_off_face(line, number, vertices)
-        else:
-            break
-    if found < vertices + faces:
-        missing = f"{vertices} vertices and {faces} faces announced, {found} lines found"
-        raise MeshReadError(f"line {number}: the file ends early: {missing}")
-
-
-def _obj_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
-    for number, line in enumerate(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines(), start=1):
-        if line[:2] in (b"v ", b"v\t", b"f ", b"f\t") or (line[:1] in b" \t" and line.split()[:1] in ([b"v"], [b"f"])):
-            yield number, line
-
-
-def _off_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
-    header_seen = False
-    for number, raw in enumerate(data.splitlines(), start=1):
-        line = raw.split(b"#")[0].strip()
-        if not header_seen and line:
-            header_seen = True
-            line = re.sub(rb"^(ST)?C?N?OFF(\s+BINARY)?", b"", line, flags=re.IGNORECASE).strip()
-        if line:
-            yield number, line
-
-
-def _numbers(words: list[bytes], number: int, line: bytes, prefix: bytes | None = None) -> list[bytes]:
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = []
-    if len(values) != _VERTEX_FIELDS:
-        raise MeshReadError(f"line {number}: three coordinates expected, found {_shown(line)}")
-    return words if prefix is None else [prefix, *words]
-
-
-def _corner(word: bytes, vertices: int, number: int) -> int:
-    try:
-        index = int(_WITHOUT_SLASH.sub(b"", word))
-    except ValueError:
-        raise MeshReadError(f"line {number}: {_shown(word)} is not a vertex of a face") from None
-    index = index if index > 0 else vertices + 1 + index  # negative ones count back from the last vertex
-    if index < 1:
-        raise MeshReadError(f"line {number}: {_shown(word)} is before the first vertex")
-    return index
-
-
-def _check_off_face(line: bytes, number: int, vertices: int) -> None:
-    try:
-        count, *corners = (int(word) for word in _face_words(line))
-    except ValueError:
-        raise MeshReadError(f"line {number}: a face expected, found {_shown(line)}") from None
-    if count < 3 or len(corners) < count:
-        raise MeshReadError(f"line {number}: a face with {min(count, len(corners))} of {count} corners")
-    if min(corners) < 0 or max(corners) >= vertices:
-        raise MeshReadError(f"line {number}: a face outside the {vertices} vertices, in {_shown(line)}")
-
-
-def _face_words(line: bytes) -> list[bytes]:
-    words = line.split()
-    return words[: int(words[0]) + 1]  # colours may follow
-
-
-def _shown(text: bytes) -> str:
-    return repr(text[:40].decode("utf-8", "replace"))
+def lines_of(key: str, rows: NDArray[Any], item: str = "%r") -> str:
+    """Return rows (n, k) of numbers as text, each line behind a key; every digit of a number is kept."""
+    per_row = rows.shape[1] // item.count("%")
+    line = " ".join([key, *[item] * per_row] if key else [item] * per_row) + "\n"
+    return line * len(rows) % tuple(rows.ravel().tolist())

@@ -1,0 +1,68 @@
+"""Writing triangles as a glb file: one mesh in one node, in single precision."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any, Final
+
+import numpy as np
+
+from unbend.arrays import Floats, Ints
+
+_POINTS, _CORNERS = 34962, 34963  # what a graphics card is to take a view for
+_COMPONENTS: Final = {"<f4": 5126, "<u4": 5125, "|u1": 5121}
+
+
+def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:
+    """Return a glb file; it keeps `uv` and not `colours` where there are both."""
+    attributes: dict[str, Any] = {"POSITION": np.asarray(vertices, "<f4")}
+    layout: dict[str, Any] = {"asset": {"version": "2.0", "generator": "unbend"}, "scene": 0}
+    primitive: dict[str, Any] = {"attributes": {}, "indices": 0, "mode": 4}
+    if uv is not None:
+        attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")  # from the top down
+        layout["materials"], primitive["material"] = [{"doubleSided": True}], 0  # texture coordinates are for one
+    elif colours is not None:
+        opaque = np.full((len(colours), 1), 255)
+        attributes["COLOR_0"] = np.hstack([np.rint(255 * colours), opaque]).astype("|u1")
+    primitive["attributes"] = {name: number for number, name in enumerate(attributes, start=1)}
+    arrays = [("SCALAR", np.asarray(faces, "<u4").ravel()), *((_kind(array), array) for array in attributes.values())]
+    layout |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}
+    layout |= {
+        "accessors": [_accessor(number, kind, array) for number, (kind, array) in enumerate(arrays)],
+        "bufferViews": _views([array for _, array in arrays]),
+        "buffers": [{"byteLength": sum(array.nbytes for _, array in arrays)}],
+    }
+    return _file(layout, b"".join(array.tobytes() for _, array in arrays))
+
+
+def _kind(array: Any) -> str:
+    return f"VEC{array.shape[1]}"
+
+
+def _accessor(view: int, kind: str, array: Any) -> dict[str, Any]:
+    component = _COMPONENTS[array.dtype.str]
+    described = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
+    if component == _COMPONENTS["|u1"]:
+        described["normalized"] = True
+    if kind == "VEC3" and len(array):  # positions must say where they lie
+        described |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+    return described
+
+
+def _views(arrays: list[Any]) -> list[dict[str, int]]:
+    ends = np.cumsum([array.nbytes for array in arrays]).tolist()
+    return [
+        {"buffer": 0, "byteOffset": end - array.nbytes, "byteLength": array.nbytes,
+         "target": _POINTS if array.ndim == 2 else _CORNERS}
+        for end, array in zip(ends, arrays, strict=True)
+    ]  # fmt: skip
+
+
+def _file(layout: dict[str, Any], binary: bytes) -> bytes:
+    """Return a file of two chunks; arrays of four bytes a piece keep the second one's length a multiple of four."""
+    text = json.dumps(layout).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = ((b"JSON", text), (b"BIN\0", binary))
+    body = b"".join(struct.pack("<I4s", len(chunk), kind) + chunk for kind, chunk in chunks)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

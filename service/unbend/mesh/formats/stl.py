@@ -1,0 +1,146 @@
+"""stl files, binary or text: facets, each with corners of its own.
+
+A binary file is told by its length: 84 bytes and 50 for each facet that it announces, whatever its header begins with;
+bytes behind the last facet are skipped. In text, lines count for nothing but the names of solids.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import struct
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from unbend.arrays import Floats, Indices
+from unbend.errors import MeshReadError
+from unbend.mesh.formats.parsed import MeshFormat, ParsedMesh, left_over
+from unbend.mesh.formats.polygons import triangulated
+from unbend.mesh.formats.text import MARK, plain, shown, table, without_comments
+from unbend.mesh.limits import MeshLimits
+from unbend.mesh.report import counted_noun
+
+_HEAD: Final = 2**16  # bytes in which a text file has its first facet
+_HEADER: Final = 84
+_FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_LOOKED_AT: Final = 100  # facets that must look like some where the length alone does not show them
+_SIZES: Final = 1e-30, 1e30  # coordinates beyond are none
+_TEXT: Final = re.compile(rb"(?:%b)?\s*(?:solid\b|facet\s)" % MARK, re.IGNORECASE)
+_SOLID: Final = re.compile(rb"\b(end[ \t]*)?solid\b(?:(?!\bfacet\s{1,9}normal\b)[^\n])*")
+_KEYWORD: Final = re.compile(rb"(?<=\S)(?<!end)[ \t]+(facet|outer|vertex|endloop|endfacet|end)\b")
+_BREAK: Final = re.compile(rb"[\n\v]")
+_BEGINS: Final = (b"facet", b"outer")
+_BOUNDS: Final = (*_BEGINS, b"end")
+_WORDS: Final = (*_BOUNDS, b"vertex", b"color")
+
+
+def recognises(data: bytes) -> bool:
+    """Say whether a file has the length of a binary one, or begins as text with a facet or the end of a solid."""
+    return _binary(data) or _text(data)
+
+
+def _binary(data: bytes) -> bool:
+    facets = _announced_facets(data)
+    length = _HEADER + _FACET.itemsize * facets
+    return facets > 0 and (len(data) == length or (len(data) > length and _plausible(data, facets)))
+
+
+def _announced_facets(data: bytes) -> int:
+    return int(struct.unpack_from("<I", data, _HEADER - 4)[0]) if len(data) >= _HEADER else 0
+
+
+def _plausible(data: bytes, facets: int) -> bool:
+    """Say whether the first facets have coordinates such as surfaces have: random bytes do not."""
+    found: Any = np.abs(np.frombuffer(data, _FACET, min(facets, _LOOKED_AT), _HEADER)["corners"])
+    sound = (found == 0) | ((found > _SIZES[0]) & (found < _SIZES[1]))
+    return bool(sound.all() and found.any())
+
+
+def _text(data: bytes) -> bool:
+    head = data[:_HEAD]
+    return bool(_TEXT.match(head)) and re.search(rb"facet|endsolid|end solid", head, re.IGNORECASE) is not None
+
+
+def announced(data: bytes) -> tuple[int, int]:
+    """Return how many facets are announced, or end; how many places they have is not known before all are read."""
+    if _text(data) and not _binary(data):
+        return 0, data.count(b"endfacet") + data.count(b"ENDFACET")
+    return 0, _announced_facets(data)
+
+
+def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
+    """Return the facets of an stl file: three vertices for each, in the order of the file."""
+    if _text(data) and not _binary(data):
+        return _read_text(data, limits)
+    if len(data) < _HEADER:
+        raise MeshReadError(f"the stl file is no text, and has {len(data)} bytes where its header has {_HEADER}")
+    announced_, there = _announced_facets(data), (len(data) - _HEADER) // _FACET.itemsize
+    if announced_ > there:
+        raise MeshReadError(f"the stl file announces {announced_:,} facets, and there are {there:,}")
+    facets: Any = np.frombuffer(data, _FACET, announced_, _HEADER)
+    vertices = facets["corners"].astype(np.float64).reshape(-1, 3)
+    behind = len(data) - _HEADER - announced_ * _FACET.itemsize
+    return ParsedMesh(vertices, np.arange(len(vertices)).reshape(-1, 3), left_over(behind, "byte"))
+
+
+def _read_text(data: bytes, limits: MeshLimits) -> ParsedMesh:
+    text = without_comments(plain(data)).lower()
+    ends = [bool(found) for found in _SOLID.findall(text)]
+    text = _KEYWORD.sub(rb"\v\1", _SOLID.sub(b"", text))  # keywords begin lines, and newlines stay countable
+    lines = [line.strip() for line in text.replace(b"\v", b"\n").split(b"\n")]
+
+    def place(line: int) -> str:
+        breaks = itertools.islice(_BREAK.finditer(text), line)
+        above = sum(found[0] == b"\n" for found in breaks)
+        return f"line {above + 1}"
+
+    at = np.flatnonzero([line.startswith(b"vertex") for line in lines])
+    vertices = _vertices([lines[number] for number in at], lambda index: place(int(at[index])))
+    counts = _corners(lines, at, place)
+    faces, notes = triangulated(vertices, np.arange(len(vertices)), counts, limits)
+    many = int((counts > 3).sum())
+    if many:
+        notes += (f"{counted_noun(many, 'facet', 'facets')} of more than three corners cut into triangles",)
+    return ParsedMesh(vertices, faces, notes + _told(lines, ends))
+
+
+def _vertices(lines: list[bytes], place: Callable[[int], str]) -> Floats:
+    rows = table(b"\n".join([*(line[6:] for line in lines), b""]))
+    wrong = np.flatnonzero(rows.widths != 3)[:1].tolist() or ([] if rows.broken is None else [rows.broken])
+    if wrong:
+        raise MeshReadError(f"{place(wrong[0])}: three coordinates expected, found {shown(lines[wrong[0]])}")
+    return rows.values.reshape(-1, 3)
+
+
+def _corners(lines: list[bytes], at: Indices, place: Callable[[int], str]) -> Indices:
+    """Return how many corners each facet has, or each loop of one; the vertices are in the lines `at`."""
+    bounds = np.flatnonzero([line.startswith(_BOUNDS) for line in lines])
+    begins = np.array([lines[number].startswith(_BEGINS) for number in bounds], bool)
+    facets = np.array([lines[number].startswith(b"facet") for number in bounds], bool)
+    behind = np.searchsorted(bounds, at) - 1  # the boundary above each vertex
+    outside = np.flatnonzero((behind < 0) | ~np.append(begins, False)[behind])
+    if len(outside):
+        raise MeshReadError(f"{place(int(at[outside[0]]))}: a vertex outside a facet")
+    counts = np.bincount(behind, minlength=len(bounds))
+    holds_loops = facets & np.append(begins[1:] & ~facets[1:], False) & (counts == 0)
+    few = np.flatnonzero(begins & ~holds_loops & (counts < 3))
+    if len(few):
+        what = f"a facet with {counts[few[0]]} of three corners"
+        raise MeshReadError(f"{place(int(bounds[few[0]]))}: {what}")
+    held: Indices = counts[begins & ~holds_loops]
+    return held
+
+
+def _told(lines: list[bytes], ends: list[bool]) -> tuple[str, ...]:
+    notes = []
+    strange = sum(1 for line in lines if line and not line.startswith(_WORDS))
+    if strange:
+        notes.append(f"{counted_noun(strange, 'line', 'lines')} skipped that mean nothing in an stl file")
+    if ends != [False, True] * (len(ends) // 2):
+        notes.append("a solid of the stl file does not begin or does not end; every facet is whole")
+    return tuple(notes)
+
+
+STL: Final = MeshFormat("stl", recognises, announced, read)

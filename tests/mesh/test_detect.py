@@ -1,0 +1,106 @@
+"""What a file is shows in its content: by evidence, not by its first word, and never by its name alone."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import struct
+import zipfile
+
+import pytest
+
+from fuzzing import FORMATS, seeds
+from unbend.errors import MeshFormatError
+from unbend.mesh.formats import FORMATS as NAMES
+from unbend.mesh.formats.detect import detect_format
+from unbend.mesh.formats.registry import REGISTRY
+
+OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def zipped(name: str) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, OBJ * 1000)
+    return packed.getvalue()
+
+
+def test_the_registry_has_the_formats_that_are_named():
+    assert set(REGISTRY) == set(NAMES) == set(FORMATS)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("hint", [None, "", "txt", "obj", "stl"])
+def test_content_tells_whatever_the_name_is(kind, hint):
+    for data in seeds(kind):
+        assert detect_format(data, hint) == kind
+
+
+@pytest.mark.parametrize(
+    ("data", "kind"),
+    [
+        (b"OFF6 8 0\n", "off"),
+        (b"off\n", "off"),
+        (b"OFF BINARY\n", "off"),
+        (b"4OFF\n", "off"),
+        (b"# x\n\nCOFF # y\n", "off"),
+        (b"\xef\xbb\xbfOFF\r1 1 0\r", "off"),
+        (b"PLY\r\n", "ply"),
+        (b"\xef\xbb\xbfply\n", "ply"),
+        (b"\xef\xbb\xbfv 1 2 3", "obj"),
+        (b"# x\rV 1 2 3\r", "obj"),
+        (b"\xef\xbb\xbf\n SOLID x\nFACET", "stl"),
+        (b"facet normal 0 0 1\n", "stl"),
+    ],
+)
+def test_text_is_told_by_its_first_words(data, kind):
+    assert detect_format(data) == kind
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (b"Kaydara FBX Binary  \0", "FBX"),
+        (b"BLENDER-v300", "Blender"),
+        (b"# vtk DataFile Version 3.0\n" + OBJ, "VTK"),
+        (b'<?xml version="1.0"?>\n<VTKFile type="PolyData">', "VTK"),
+        (b'<?xml version="1.0"?>\n<COLLADA xmlns="">', "COLLADA"),
+        (b'<?xml version="1.0"?><X3D>', "X3D"),
+        (b"#VRML V2.0 utf8\n", "VRML"),
+        (b"ISO-10303-21;\n", "STEP"),
+        (b"PXR-USDC\0", "USD"),
+        (b"#usda 1.0\n", "USD"),
+        (b"$MeshFormat\n4.1 0 8\n", "Gmsh"),
+        (b"<!DOCTYPE html><html>v 1 2 3", "web page"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "Git LFS"),
+        (b'{"scene": 0, "asset": {"version": "2.0"}}', "glTF as text"),
+        (OBJ.decode().encode("utf-16"), "UTF-16"),
+        (OBJ.decode().encode("utf-16-be"), "UTF-16"),
+        (OBJ.decode().encode("utf-32"), "UTF-16 or UTF-32"),
+        (b" " * 72 + b"S      1\n", "IGES"),
+        (gzip.compress(OBJ), "gzip"),
+        (zipped("mesh.obj"), r"packed \(zip\)"),
+        (zipped("3D/3dmodel.model"), "3MF"),
+        (zipped("scene.usdc"), "USDZ"),
+        (b"\x89PNG\r\n\x1a\n", "a picture"),
+    ],
+)
+@pytest.mark.parametrize("hint", [None, "obj", "stl"])
+def test_other_files_are_named_and_so_is_what_is_read(data, name, hint):
+    with pytest.raises(MeshFormatError, match=name) as raised:
+        detect_format(data, hint)
+    assert "off, obj, ply, stl, glb" in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "data", [b"off the record\n", b"plywood\n", b"solid ground\n", b"offset 1 2\n", b"verse 1 2\n"]
+)
+def test_words_that_only_begin_alike_are_no_formats(data):
+    with pytest.raises(MeshFormatError, match="no format we know"):
+        detect_format(data)
+
+
+def test_a_length_that_fits_is_not_enough_where_bytes_are_left_over():
+    noise = b"\xff" * 80 + struct.pack("<I", 1) + b"\xff" * 60
+    with pytest.raises(MeshFormatError):
+        detect_format(noise)

@@ -30,6 +30,7 @@ check: lint types layers test
 
 bench: .venv/bench
 	$(BIN)/python benchmarks/geodesics.py
+	$(BIN)/python benchmarks/stretched.py
 	$(BIN)/python benchmarks/defects.py
 	$(BIN)/python benchmarks/embedding.py
 	$(BIN)/python benchmarks/paper.py

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 
 from defects import defective
 from oracles import exact_distances, grid, mean_relative_error
-from stretched import cad_models, height_map
+from stretched_meshes import cad_models, height_map
 from unbend import Surface, geodesic_distances, geodesic_matrix, read_mesh
 from unbend.errors import MeshError
 from unbend.geodesics.halfedges import HalfEdges, half_edges_of

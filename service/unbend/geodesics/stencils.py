@@ -94,11 +94,15 @@ def stencils_of(surface: Surface) -> Stencils:
     return found
 
 
-def build_stencils(surface: Surface) -> Stencils:
-    """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the flips its triangles need."""
+def build_stencils(surface: Surface, *, intrinsic: bool = True) -> Stencils:
+    """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the flips its triangles need.
+
+    Without `intrinsic` they are those of the given triangles alone: benchmarks measure what the others are worth.
+    """
     unit = _median_edge(surface)
     given = half_edges_of(surface, unit)
-    return _stencils(surface, given, intrinsic_triangulation(given), unit)
+    found = intrinsic_triangulation(given) if intrinsic else Intrinsic(given, np.zeros(len(given.faces), np.uint8))
+    return _stencils(surface, given, found, unit)
 
 
 def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: float) -> Stencils:

@@ -1,7 +1,8 @@
 """What the intrinsic triangulation is worth: errors, time and memory with it and without it.
 
 On good meshes and on stretched ones, beside the heat method of geometry-central, which runs on an intrinsic Delaunay
-triangulation, too. Errors are against exact distances. Writes "stretched" of docs/benchmarks.md; --print only prints. A few minutes.
+triangulation, too. Errors are against exact distances. Writes "stretched" of docs/benchmarks.md; --print only prints.
+A few minutes.
 """
 
 from __future__ import annotations
@@ -128,8 +129,8 @@ def report(found: dict[str, list[Measured]]) -> str:
         )
         costs.append([name, f"{steiner.mean():.3f}", ratio(row), ratio(preparation), ratio(memory)])
     above = (
-        f"**The intrinsic triangulation**: mean / largest relative error (%) of spherical marching over {SOURCES} sources "
-        "against exact distances, averaged over the meshes of a line; the last column has the worst mesh. The heat "
+        f"**The intrinsic triangulation**: mean / largest relative error (%) of spherical marching over {SOURCES} "
+        "sources against exact distances, averaged over the meshes of a line; the last column has the worst mesh. The heat "
         "method runs on an intrinsic Delaunay triangulation as well."
     )
     below = (
@@ -138,7 +139,7 @@ def report(found: dict[str, list[Measured]]) -> str:
     )
     first = table(["meshes", GIVEN, INTRINSIC, HEAT, "worst mesh, intrinsic"], errors)
     second = table(["meshes", "Steiner points a vertex", "time of a row", "preparation", "bytes of stencils"], costs)
-    return "\n\n".join([above, first, below, second])
+    return f"{above}\n\n{first}\n\n{below}\n\n{second}"
 
 
 def shown(errors: np.ndarray) -> str:

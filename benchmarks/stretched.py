@@ -130,8 +130,8 @@ def report(found: dict[str, list[Measured]]) -> str:
         costs.append([name, f"{steiner.mean():.3f}", ratio(row), ratio(preparation), ratio(memory)])
     above = (
         f"**The intrinsic triangulation**: mean / largest relative error (%) of spherical marching over {SOURCES} "
-        "sources against exact distances, averaged over the meshes of a line; the last column has the worst mesh. The heat "
-        "method runs on an intrinsic Delaunay triangulation as well."
+        "sources against exact distances, averaged over the meshes of a line; the last column has the worst mesh. The "
+        "heat method runs on an intrinsic Delaunay triangulation as well."
     )
     below = (
         "What it costs, over the given triangles, in turns in one run, mean over the meshes; in one thread. Meshes of "

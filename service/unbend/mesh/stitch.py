@@ -92,11 +92,12 @@ def _concerned(joins: Joins, spoilt: Ints, into: Ints) -> Bools:
     """Tell which `joins` touch `spoilt` edges, (k,); of all copies of their ends only if none does."""
     marked = np.zeros(len(into), bool)
     marked[spoilt] = True
-    touching = marked[joins.ends.reshape(-1, 4)].any(axis=1)
-    if touching.any():
-        return touching
-    marked[into[spoilt]] = True
-    return marked[into[joins.ends.reshape(-1, 4)]].any(axis=1)
+    ends = joins.ends.reshape(-1, 4)
+    touching: Bools = np.logical_or.reduce(marked[ends], axis=1)
+    if not touching.any():
+        marked[into[spoilt]] = True
+        touching = np.logical_or.reduce(marked[into[ends]], axis=1)
+    return touching
 
 
 def _spoilt_edges(faces: Ints, into: Ints) -> Ints:
@@ -140,6 +141,10 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     into = np.arange(len(places), dtype=np.int32)
     within = np.stack([np.arange(len(ends)), first[cell]], axis=1)
     _unite(ends[np.concatenate([within, pairs])][:, None], into)
+    # Crowds may make chains: what is farther from the first of them than half the tolerance stays for itself.
+    apart = (surface.vertices[ends] - surface.vertices[into[ends]]) / tolerance
+    alone = ends[(apart**2).sum(axis=1) > 0.25]
+    into[alone] = alone
     near: Ints = into[places]
     return near
 
@@ -168,10 +173,9 @@ def _adopted(into: Ints, whole: Surface, surface: Surface, places: Ints) -> Ints
         return into
     at_place = np.full(len(places), -1, np.int32)
     used = surface.used_vertices[::-1]  # of several the lowest is written last
-    at_place[places[used]] = into[used]
-    heirs = at_place[places[lost]]
-    into = into.copy()
-    into[lost[heirs >= 0]] = heirs[heirs >= 0]
+    at_place[places[used]] = used
+    heirs, into = at_place[places[lost]], into.copy()
+    _unite(np.stack([lost, heirs], axis=1).astype(np.int32)[heirs >= 0][:, None], into)
     return into
 
 

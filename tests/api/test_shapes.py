@@ -327,8 +327,8 @@ def test_a_mesh_read_in_two_ways_is_two_shapes_each_with_its_policy(http):
     data = ply(two_rings(0))
     largest = stored(http, data, parameters=FEW)
     bridged = stored(http, data, parameters=FEW, policy='{"components": "bridge"}')
-    assert largest["policy"] == {"components": "largest", "max_vertices": None, "smooth": 0}
-    assert bridged["policy"] == {"components": "bridge", "max_vertices": None, "smooth": 0}
+    assert largest["policy"] == {"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}
+    assert bridged["policy"] == largest["policy"] | {"components": "bridge"}
     assert bridged["sha256"] == largest["sha256"]
     assert bridged["report"]["links"] == 1
     expected = [read_mesh(data, policy=MeshPolicy(components=kind)) for kind in ("largest", "bridge")]

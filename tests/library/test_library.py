@@ -106,7 +106,7 @@ def test_the_same_bytes_read_otherwise_are_another_shape_that_is_compared_with_t
     largest = library.add(data, parameters=FEW)
     bridged = library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge"))
     assert library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge")) == bridged
-    assert largest.policy == {"components": "largest", "max_vertices": None, "smooth": 0}
+    assert largest.policy == {"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}
     assert library.get(bridged.id).policy == {"components": "bridge", "max_vertices": None, "smooth": 0}
     assert bridged.area > 1.05 * largest.area
     assert [match.id for match in library.nearest(largest.id)] == [bridged.id]

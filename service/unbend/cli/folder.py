@@ -8,6 +8,7 @@ from pathlib import Path
 
 from unbend.errors import ParameterError
 from unbend.mesh.formats.detect import FORMATS
+from unbend.names import MAX_TEXT, printable
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,11 @@ def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[Labell
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in endings and path.is_file())
     if not paths:
         raise ParameterError(f"{folder}: there is no file that ends in {', '.join(FORMATS)}")
-    return [LabelledFile(path, path.parent.name if label_from_folder else None) for path in paths]
+    return [LabelledFile(path, _folder_name(path) if label_from_folder else None) for path in paths]
+
+
+def _folder_name(path: Path) -> str | None:
+    return printable(path.parent.absolute().name)[:MAX_TEXT] or None
 
 
 def _labelled(row: dict[str, str | None], csv_path: Path, line: int, folder: Path) -> LabelledFile:

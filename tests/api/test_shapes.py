@@ -25,11 +25,11 @@ MEDIA_TYPES = {
 }
 RECORD = {
     "id", "name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "stress",
-    "report", "created_at",
+    "report", "warnings", "created_at",
 }  # fmt: skip
 JOB = {
     "id", "kind", "state", "stage", "progress", "position", "attempts", "detail", "error", "shape_id", "result",
-    "created_at", "started_at", "finished_at",
+    "created_at", "started_at", "finished_at", "warnings",
 }  # fmt: skip
 
 

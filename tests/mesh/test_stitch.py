@@ -179,14 +179,23 @@ def test_faces_that_nothing_connects_are_dropped_as_stl_always_had_it():
     np.testing.assert_array_equal(surface.vertices[surface.vertex_map], vertices)
 
 
-def test_walls_that_meet_at_one_edge_are_joined_only_where_no_face_shares_an_edge():
+def test_of_three_walls_that_meet_at_one_edge_two_are_joined_and_all_where_no_face_shares_an_edge():
     corners = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0, 1], [-1, 0, 0], [-1, 0, 1], [0, 1, 0], [0, 1, 1.0]])
     quads = [(0, 2, 3, 1), (0, 1, 5, 4), (0, 1, 7, 6)]
     walls = corners, np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))])
     one = repair(*soup(*walls)).report
     assert (one.components, one.nonmanifold_edges, one.seams) == (1, 1, 5)
     apart = repair(*sides(*walls), policy=BRIDGE).report
-    assert (apart.components, apart.nonmanifold_edges, apart.seams) == (3, 0, 0)
+    assert (apart.components, apart.nonmanifold_edges, apart.seams) == (2, 0, 1)
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_fin_on_a_seam_does_not_keep_the_surface_from_closing(flipped):
+    a, b = SIDES[0][0], SIDES[0][1]  # an edge of two sides; the fin stands outside
+    tip = np.vstack([CORNERS[[a, b]], CORNERS[a] - [1.0, 1.0, 0.0]])
+    fin = np.array([[0, 1, 2], [1, 0, 2]][flipped])[None]
+    report = repair(*together(sides(*CUBE), (tip, fin)), policy=BRIDGE).report
+    assert (report.components, report.nonmanifold_edges, report.boundary_edges) == (2, 0, 3)
 
 
 def test_the_two_sides_of_a_sheet_are_not_sewn_to_a_bag():

@@ -72,15 +72,16 @@ def joins_between(surface: Surface, rims: Rims, places: Ints, *, soup: bool, mis
     """Return the pairs of `rims` to join; `places` names the place of each vertex, (n,) int32.
 
     Two alone at their place are a pair if they run in opposite directions, or with `misoriented` in any. More of them
-    are paired around the edge, if as many run one way as the other: so that each pair bounds what is solid between
-    its faces. Of a `soup` all others at one place are joined, too. Faces that lie on each other never are.
+    are paired around the edge, so that each pair bounds what is solid between its faces; what finds no partner stays
+    alone. In a `soup` that is so if as many run one way as the other, and else all at one place are joined. Faces
+    that lie on each other never are.
     """
     tails, heads = places[rims.tail], places[rims.head]
     order = _sorted_by(np.maximum(tails, heads), np.arange(len(rims), dtype=np.int32), len(places))
     order = _sorted_by(np.minimum(tails, heads), order, len(places))
     starts, counts, balance = _groups(tails, heads, order)
     two = (counts == 2) & ((balance == 0) | soup | misoriented)
-    around = (counts > 2) & (balance == 0)
+    around = (counts > 2) & ((balance == 0) | (not soup))
     loose = (counts > 2) & (balance != 0) & soup
     pairs = [
         _chained(order, starts[two], counts[two]),

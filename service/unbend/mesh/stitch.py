@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,6 +16,8 @@ from unbend.mesh.pairing import Joins, Rims, joins_between
 from unbend.mesh.surface import Surface
 from unbend.tolerances import SEAM_EDGES, SEAM_GAP
 
+_GENTLE_TURNS: Final = 16  # that take back as few joins as they can; what is spoilt then is taken apart
+
 
 @dataclass(frozen=True, eq=False)
 class _Seams:
@@ -22,6 +25,14 @@ class _Seams:
 
     joins: Joins
     into: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class _Spoilt:
+    """Half-edges, (k, 2) vertices, of edges that joins spoil, and which edge each is of, (k,), in rising order."""
+
+    ends: Ints
+    edge: Indices
 
 
 def stitched(surface: Surface, places: Ints) -> Surface:
@@ -77,31 +88,41 @@ def _joining(
 ) -> _Seams:
     """Return `seams` with what else `places` allow to be joined."""
     new = joins_between(surface, rims.without(seams.joins), places, soup=soup, misoriented=misoriented)
-    while len(new):
-        joins = seams.joins.and_(new)
-        into = np.arange(len(places), dtype=np.int32)
+    gentle_turns = _GENTLE_TURNS
+    while True:
+        joins, into = seams.joins.and_(new), np.arange(len(places), dtype=np.int32)
         _unite(joins.ends, into)
-        spoilt = np.empty((0, 2), np.int32) if soup else _spoilt_edges(surface.faces, into)
-        if len(spoilt) == 0:
+        spoilt = None if soup else _spoilt_edges(surface.faces, into)
+        if spoilt is None or len(spoilt.ends) == 0:
             return _Seams(joins, into)
-        new = new.where(~_concerned(new, spoilt, into))
-    return seams
+        new = new.where(~_concerned(new, spoilt, into, gently=gentle_turns > 0))
+        gentle_turns -= 1
 
 
-def _concerned(joins: Joins, spoilt: Ints, into: Ints) -> Bools:
-    """Tell which `joins` touch `spoilt` edges, (k,); of all copies of their ends only if none does."""
-    marked = np.zeros(len(into), bool)
-    marked[spoilt] = True
-    ends = joins.ends.reshape(-1, 4)
+def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools:
+    """Tell which `joins` to take back, (k,): of each spoilt edge the end that has fewest, or all at all its ends.
+
+    Where no end has any, those at the other copies of its ends.
+    """
+    ends, marked = joins.ends.reshape(-1, 4), np.zeros(len(into), bool)
+    if gently:
+        has = np.bincount(ends.ravel(), minlength=len(into))
+        candidates, edge = spoilt.ends.ravel(), np.repeat(spoilt.edge, 2)
+        candidates, edge = candidates[has[candidates] > 0], edge[has[candidates] > 0]
+        order = np.lexsort((candidates, has[candidates], edge))
+        first = np.diff(edge[order], prepend=-1) > 0
+        marked[candidates[order[first]]] = True
+    else:
+        marked[spoilt.ends] = True
     touching: Bools = np.logical_or.reduce(marked[ends], axis=1)
     if not touching.any():
-        marked[into[spoilt]] = True
+        marked[into[spoilt.ends]] = True
         touching = np.logical_or.reduce(marked[into[ends]], axis=1)
     return touching
 
 
-def _spoilt_edges(faces: Ints, into: Ints) -> Ints:
-    """Return edges that `into` lets vanish, or makes one edge of more than two faces, as pairs of vertices, (k, 2)."""
+def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
+    """Return edges that `into` lets vanish, or makes one edge of more than two faces."""
     changed = into != np.arange(len(into))
     changed[into[changed]] = True
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -113,8 +134,8 @@ def _spoilt_edges(faces: Ints, into: Ints) -> Ints:
     counts = np.diff(starts, append=len(keys))
     merged = np.minimum.reduceat(old, starts) != np.maximum.reduceat(old, starts) if len(starts) else starts > 0
     vanished = into[ends[:, 0]] == into[ends[:, 1]]
-    spoilt: Ints = ends[np.repeat(merged & (counts > 2), counts) | vanished]
-    return spoilt
+    chosen = np.repeat(merged & (counts > 2), counts) | vanished
+    return _Spoilt(ends[chosen], np.repeat(np.arange(len(starts)), counts)[chosen])
 
 
 def _edge_keys(ends: Ints, count: int) -> Indices:

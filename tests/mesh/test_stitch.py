@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from unbend.mesh.repair import repair
 from unbend.mesh.shapes import sheet, sphere, torus
 from unbend.mesh.write import write_mesh
 
+CASES = Path(__file__).parent / "cases"
 BRIDGE, KEEP = MeshPolicy(components="bridge"), MeshPolicy(seams="keep")
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -107,6 +109,17 @@ def test_a_simplified_mesh_maps_the_vertices_of_the_file():
     assert np.linalg.norm(surface.vertices[surface.vertex_map] - vertices, axis=1).max() < 0.3
     whole = repair(ball.vertices, ball.faces, policy=MeshPolicy(max_vertices=150))
     np.testing.assert_array_equal(surface.vertex_map, whole.vertex_map[ball.faces.ravel()])
+
+
+@pytest.mark.parametrize(
+    ("name", "vertices", "area"),
+    [("ply_flat_cube_24.ply", 8, 52), ("glb_flat_cube_24.glb", 8, 52), ("stl_noise_last_digit.stl", 6, 9.407465)],
+)
+def test_files_that_fell_apart_are_whole(name, vertices, area):
+    surface = read_mesh(CASES / name)
+    assert closed(surface.report)
+    assert len(surface.vertices) == vertices
+    assert surface.area == pytest.approx(area, rel=1e-5)
 
 
 def test_vertices_that_no_face_uses_stay():

@@ -26,7 +26,7 @@ class Rims:
     def of(cls, surface: Surface) -> Self:
         """Return those of a surface."""
         half_edge = surface.edges.order[surface.edges.starts[surface.edges.counts == 1]]
-        return cls(half_edge, *_corners(surface.faces.ravel(), half_edge))
+        return cls(half_edge, *corners_of(surface.faces.ravel(), half_edge))
 
     def __len__(self) -> int:
         return len(self.half_edge)
@@ -92,7 +92,7 @@ def joins_between(surface: Surface, rims: Rims, places: Ints, *, soup: bool, mis
 
 
 @kernel
-def _corners(vertex: Ints, half_edges: Ints) -> tuple[Ints, Ints, Ints]:
+def corners_of(vertex: Ints, half_edges: Ints) -> tuple[Ints, Ints, Ints]:
     """Return the tail, the head and the opposite corner of each half-edge, each (b,)."""
     tail, head, apex = np.empty_like(half_edges), np.empty_like(half_edges), np.empty_like(half_edges)
     for i in range(len(half_edges)):

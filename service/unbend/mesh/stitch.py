@@ -12,8 +12,9 @@ from unbend.arrays import Bools, Floats, Indices, Ints
 from unbend.jit import kernel
 from unbend.mesh.clean import find_repeats
 from unbend.mesh.components import join, root
-from unbend.mesh.pairing import Joins, Rims, joins_between
+from unbend.mesh.pairing import Joins, Rims, corners_of, joins_between
 from unbend.mesh.surface import Surface
+from unbend.mesh.topology import find_edges
 from unbend.tolerances import SEAM_EDGES, SEAM_GAP
 
 _GENTLE_TURNS: Final = 16  # that take back as few joins as they can; what is spoilt then is taken apart
@@ -123,18 +124,20 @@ def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools
 
 def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
     """Return edges that `into` lets vanish, or makes one edge of more than two faces."""
-    changed = into != np.arange(len(into))
-    changed[into[changed]] = True
-    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    ends = ends[changed[ends].all(axis=1)]
+    merged = into[faces]
+    edges = find_edges(merged, len(into))
+    suspect = edges.order[np.repeat(edges.counts > 2, edges.counts)]
+    if len(short := np.flatnonzero(np.roll(merged, -1, axis=1) == np.roll(merged, -2, axis=1))):
+        suspect = np.union1d(suspect, short.astype(np.int32))
+    ends = np.stack(corners_of(faces.ravel(), suspect)[:2], axis=1)
     keys, old = _edge_keys(into[ends], len(into)), _edge_keys(ends, len(into))
     order = np.argsort(keys)
     ends, keys, old = ends[order], keys[order], old[order]
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
     counts = np.diff(starts, append=len(keys))
-    merged = np.minimum.reduceat(old, starts) != np.maximum.reduceat(old, starts) if len(starts) else starts > 0
+    several = np.minimum.reduceat(old, starts) != np.maximum.reduceat(old, starts) if len(starts) else starts > 0
     vanished = into[ends[:, 0]] == into[ends[:, 1]]
-    chosen = np.repeat(merged & (counts > 2), counts) | vanished
+    chosen = np.repeat(several & (counts > 2), counts) | vanished
     return _Spoilt(ends[chosen], np.repeat(np.arange(len(starts)), counts)[chosen])
 
 

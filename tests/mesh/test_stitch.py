@@ -192,6 +192,21 @@ def test_faces_that_nothing_connects_are_dropped_as_stl_always_had_it():
     np.testing.assert_array_equal(surface.vertices[surface.vertex_map], vertices)
 
 
+def test_a_noisy_soup_has_no_face_twice():
+    vertices, faces = soup(*CUBE)
+    vertices, faces = together((vertices, faces), (vertices[:3], faces[:1]), (vertices[:3], faces[:1, ::-1]))
+    vertices = vertices + np.random.default_rng(0).uniform(-1e-7, 1e-7, vertices.shape)
+    surface = repair(vertices, faces)
+    assert closed(surface.report)
+    assert (surface.report.duplicate_faces, len(surface.faces)) == (2, 12)
+
+
+def test_edges_too_short_for_a_direction_do_no_harm():
+    tiny = CORNERS * [1.0, 1.0, 1e-320]
+    vertices, faces = together(sides(tiny, CUBE[1]), sides(*moved((tiny, CUBE[1]), 1, 1, 0)))
+    assert repair(vertices, faces, policy=BRIDGE).report.nonmanifold_edges == 0
+
+
 def test_of_three_walls_that_meet_at_one_edge_two_are_joined_and_all_where_no_face_shares_an_edge():
     corners = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0, 1], [-1, 0, 0], [-1, 0, 1], [0, 1, 0], [0, 1, 1.0]])
     quads = [(0, 2, 3, 1), (0, 1, 5, 4), (0, 1, 7, 6)]

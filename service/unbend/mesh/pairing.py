@@ -190,6 +190,8 @@ def _angles_around(surface: Surface, rims: Rims, places: Ints) -> Floats:
     tails, heads = places[rims.tail], places[rims.head]
     low, high = points[np.minimum(tails, heads)], points[np.maximum(tails, heads)]
     axis = high - low
+    with np.errstate(invalid="ignore"):  # an edge may be too short, beside the surface, to have a direction
+        axis = axis / np.abs(axis).max(axis=1, keepdims=True)
     across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
     up = np.cross(axis / np.linalg.norm(axis, axis=1)[:, None], across)
     apex = points[rims.apex] - low

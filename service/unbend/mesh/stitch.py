@@ -52,45 +52,54 @@ def stitched(surface: Surface, places: Ints) -> Surface:
         return surface
     soup = surface.edges.boundary == 3 * len(surface.faces)
     whole, surface = surface, _without_loose_repeats(surface, places, soup)
-    rims = Rims.of(surface)
-    seams = _Seams(Joins.none(), np.arange(len(places), dtype=np.int32))
-    seams = _joining(seams, surface, rims, places, soup)
-    near = _near_places(surface, rims.without(seams.joins), places)
+    nothing = _Seams(Joins.none(), np.arange(len(places), dtype=np.int32))
+    seams = _joining(nothing, surface, places, soup)
+    near = _near_places(surface, _left(surface, seams), places)
     if near is not places:
-        seams = _joining(seams, surface, rims, near, soup)
+        if soup:  # of which further faces may repeat each other: begin again without them
+            surface, seams = _without_loose_repeats(surface, near, soup), nothing
+        seams = _joining(seams, surface, near, soup)
     if not soup:
-        seams = _joining(seams, surface, rims, near, soup, misoriented=True)
+        seams = _joining(seams, surface, near, soup, misoriented=True)
     ends = places[seams.joins.ends]
     gap = SEAM_GAP * surface.extent if (ends[..., 0] != ends[..., 1]).any() else None
     report = surface.report.adding(seams=len(seams.joins), seam_tolerance=gap)
-    return _compact(surface.with_report(report), _adopted(seams.into, whole, surface, places))
+    return _compact(surface.with_report(report), _adopted(seams.into, whole, surface, near))
 
 
 def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surface:
     """Drop faces that have a place twice and hang on nothing; of a soup also those at the places of another."""
-    corners = places[surface.faces]
-    twice, again = find_repeats(corners, len(places))
-    rims = np.zeros(3 * len(corners), bool)
-    rims[Rims.of(surface).half_edge] = True
-    twice &= rims.reshape(-1, 3).all(axis=1)
-    again &= soup
-    if not (twice | again).any():
+    loose = np.flatnonzero(_loose(surface))
+    twice, again = find_repeats(places[surface.faces[loose]], len(places))
+    dropped = twice | again if soup else twice
+    if not dropped.any():
         return surface
     report = surface.report
     report = report.adding(
         degenerate_faces=report.degenerate_faces + int(twice.sum()),
-        duplicate_faces=report.duplicate_faces + int(again.sum()),
+        duplicate_faces=report.duplicate_faces + (int(again.sum()) if soup else 0),
     )
-    return Surface(surface.vertices, surface.faces[~(twice | again)], report)
+    return Surface(surface.vertices, np.delete(surface.faces, loose[dropped], axis=0), report)
 
 
-def _joining(
-    seams: _Seams, surface: Surface, rims: Rims, places: Ints, soup: bool, *, misoriented: bool = False
-) -> _Seams:
+def _loose(surface: Surface) -> Bools:
+    """Tell which faces share no edge with another, (m,)."""
+    rims = np.zeros(3 * len(surface.faces), bool)
+    rims[Rims.of(surface).half_edge] = True
+    loose: Bools = np.logical_and.reduce(rims.reshape(-1, 3), axis=1)
+    return loose
+
+
+def _left(surface: Surface, seams: _Seams) -> Rims:
+    """Return the boundary half-edges that are not joined."""
+    return Rims.of(surface).without(seams.joins)
+
+
+def _joining(seams: _Seams, surface: Surface, places: Ints, soup: bool, *, misoriented: bool = False) -> _Seams:
     """Return `seams` with what else `places` allow to be joined."""
-    new = joins_between(surface, rims.without(seams.joins), places, soup=soup, misoriented=misoriented)
+    new = joins_between(surface, _left(surface, seams), places, soup=soup, misoriented=misoriented)
     gentle_turns = _GENTLE_TURNS
-    while True:
+    while len(new):
         joins, into = seams.joins.and_(new), np.arange(len(places), dtype=np.int32)
         _unite(joins.ends, into)
         spoilt = None if soup else _spoilt_edges(surface.faces, into)
@@ -98,6 +107,7 @@ def _joining(
             return _Seams(joins, into)
         new = new.where(~_concerned(new, spoilt, into, gently=gentle_turns > 0))
         gentle_turns -= 1
+    return seams
 
 
 def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools:

@@ -11,7 +11,7 @@ class MeshReport:
     """Counts of what a mesh held, before repair, and in `notes` one sentence for each thing found or done.
 
     Faces are counted as they were given, and so is what makes a face useless. Edges, loops, fans and orientation
-    are those of the faces kept, before smoothing, links and simplification.
+    are those of the faces kept, with seams joined, before smoothing, links and simplification.
     """
 
     file_type: str = ""

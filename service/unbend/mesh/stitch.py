@@ -61,10 +61,10 @@ def stitched(surface: Surface, places: Ints) -> Surface:
         seams = _joining(seams, surface, near, soup)
     if not soup:
         seams = _joining(seams, surface, near, soup, misoriented=True)
-    ends = places[seams.joins.ends]
-    gap = SEAM_GAP * surface.extent if (ends[..., 0] != ends[..., 1]).any() else None
+    into = _adopted(seams.into, whole, surface, near)
+    gap = SEAM_GAP * surface.extent if (places[into] != places).any() else None
     report = surface.report.adding(seams=len(seams.joins), seam_tolerance=gap)
-    return _compact(surface.with_report(report), _adopted(seams.into, whole, surface, near))
+    return _compact(surface.with_report(report), into)
 
 
 def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surface:

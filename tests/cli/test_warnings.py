@@ -86,3 +86,22 @@ def test_every_file_of_a_folder_ends_in_the_report_whatever_it_is_called(tmp_pat
     assert succeeded("export", out, "--library", path).stdout == rf"{tmp_path}/out\xe9: 4 shapes" + "\n"
     told = succeeded("evaluate", out, "--labels", f"{out}/labels.csv", *FEW, "--json")
     assert set(json.loads(told.stdout)) >= {"spectrum"}
+
+
+def test_labels_name_files_by_their_bytes(tmp_path):
+    for number, name in enumerate([b"m\xe9.ply", b"n\xe9.ply"]):
+        (tmp_path / os.fsdecode(name)).write_bytes(small_mesh(number))
+    labels, path = tmp_path / "labels.csv", tmp_path / "a.db"
+    labels.write_bytes(b"path,class\nm\xe9.ply,ring\nn\xe9.ply,ring\n")
+    done = succeeded("import", tmp_path, "--labels", labels, "--library", path, *FEW)
+    assert done.stdout == "2 of 2 shapes imported\n"
+    with Library(str(path)) as library:
+        assert library.labels() == {"ring": 2}
+    page = tmp_path / "page.html"
+    told = succeeded("evaluate", tmp_path, "--labels", labels, *FEW, "--per-class", "--html", page)
+    assert "ring" in told.stdout
+    assert r"m\xe9.ply" in page.read_text(encoding="utf-8")
+    labels.write_bytes(b"path,class\nm\xe9.ply,caf\xe9\n")
+    assert r"line 2: the class caf\xe9 is not UTF-8" in called("import", tmp_path, "--labels", labels).stderr
+    labels.write_bytes("path,class\n".encode("utf-16"))
+    assert "must be CSV in UTF-8" in called("import", tmp_path, "--labels", labels).stderr

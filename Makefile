@@ -39,6 +39,7 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/classification.py
 	$(BIN)/python benchmarks/rerank.py
 	$(BIN)/python benchmarks/robustness.py
+	$(BIN)/python benchmarks/seams.py
 	$(BIN)/python benchmarks/search.py
 	$(BIN)/python benchmarks/service.py
 	$(BIN)/python benchmarks/deletion.py

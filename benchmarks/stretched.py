@@ -53,7 +53,7 @@ def groups() -> Iterator[tuple[str, list[Surface]]]:
     yield "eleven CAD models", list(cad_models().values())
     for slope in SLOPES:
         yield f"height map of slope {slope}", [height_map(slope)]
-    case = ROOT / "tests" / "mesh" / "cases" / "geo_steep_heightmap.obj"
+    case = ROOT / "tests" / "geodesics" / "cases" / "geo_steep_heightmap.obj"
     yield "height map of the cases", [read_mesh(case)]
     yield "lion", [read_mesh(DATA / "single" / "lion.off")]
     yield "cow", [read_mesh(DATA / "single" / "cow.off")]

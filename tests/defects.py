@@ -266,24 +266,37 @@ class Outcome:
     relative: dict[str, np.ndarray] | None = None
 
 
-def examine(mesh: Mesh, rng: np.random.Generator, components: str = "largest", sources: int = 2) -> Outcome:
+def examine(
+    mesh: Mesh, rng: np.random.Generator, components: str = "largest", sources: int = 2, seams: str = "stitch"
+) -> Outcome:
     """Repair a mesh and measure its distances against exact ones; raise AssertionError where a property fails."""
     given = mesh.vertices.copy(), mesh.faces.copy()
     try:
-        surface = repair(mesh.vertices, mesh.faces, policy=MeshPolicy(components=components))
+        surface = repair(mesh.vertices, mesh.faces, policy=MeshPolicy(components=components, seams=seams))
     except MeshError as error:
         return Outcome(error)
     finally:
         np.testing.assert_array_equal(mesh.vertices, given[0], "repair changed the vertices given to it")
         np.testing.assert_array_equal(mesh.faces, given[1], "repair changed the faces given to it")
-    assert surface.vertices.shape == mesh.vertices.shape, "shifted indices"
+    check_places(surface, mesh.vertices)
     used = surface.used_vertices
-    assert (surface.vertices[used] == mesh.vertices[used]).all(), "moved vertices"
     chosen = rng.choice(used, min(sources, len(used)), replace=False)
     try:
         return Outcome(None, surface, tuple(chosen.tolist()), check_distances(surface, chosen))
     except MeshError as error:  # edges too long for single precision
         return Outcome(error)
+
+
+def check_places(surface: Surface, vertices: np.ndarray) -> None:
+    """Check that every vertex of the mesh is on the surface, in order, and where it was."""
+    where = np.arange(len(vertices)) if surface.vertex_map is None else surface.vertex_map
+    lowest, first = np.unique(where, return_index=True)
+    assert len(where) == len(vertices), "vertices without a place"
+    assert (lowest == np.arange(len(surface.vertices))).all(), "vertices that stand for none"
+    assert (np.diff(first) > 0).all(), "changed order"
+    on_faces = np.isin(where, surface.used_vertices)
+    apart = np.abs(surface.vertices[where[on_faces]] - vertices[on_faces]).max()
+    assert apart <= (surface.report.seam_tolerance or 0.0), "moved vertices"
 
 
 def check_distances(surface: Surface, sources: np.ndarray) -> dict[str, np.ndarray]:

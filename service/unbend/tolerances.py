@@ -11,6 +11,19 @@ In double precision a height is known to about 1e-16 of the edge; six digits abo
 coordinates of `geodesics.stencils` still keep six digits.
 """
 
+SEAM_GAP: Final = 1e-6
+"""How far apart, as a share of the surface's extent, the two sides of a seam may be: they are the same points, written
+twice in single precision or in texts of six or seven digits."""
+
+SEAM_EDGES: Final = 10.0
+"""Shortest edge, in widths of that gap, at a vertex that is joined across it: smaller features must not vanish."""
+
+SAME_ANGLE: Final = 1e-4
+"""Faces around an edge at angles, in radians, that differ by less lie on each other."""
+
+AREA_KEPT: Final = 0.9
+"""Share of a file's area below which what was kept of it may not be what its owner means."""
+
 DEGENERATE_BASE: Final = 1e-7
 """An edge below this share of the other two of its triangle has no direction: no front crosses it."""
 

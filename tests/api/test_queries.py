@@ -102,14 +102,14 @@ def test_a_stored_shape_is_ranked_without_itself(server, http, ids):
     assert response.status_code == 200
     with Library(str(server.library)) as library:
         assert response.json() == library.rank(ids["ring-0"], measure="distribution", k=3).as_dict()
-    assert set(response.json()) == {"measure", "classes", "shapes", "known"}
+    assert set(response.json()) == {"measure", "classes", "shapes", "known", "warnings"}
     assert response.json()["shapes"][0]["name"] == "ring-1"
     assert ids["ring-0"] not in [match["id"] for match in response.json()["shapes"]]
 
 
 def test_parameters_nobody_used_find_nothing(http, ids):
     response = ask(http, small_mesh(6), {"Prefer": "wait=30"}, parameters='{"samples": 35}')
-    assert response.json() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+    assert response.json() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None, "warnings": []}
 
 
 @pytest.mark.parametrize(

@@ -25,11 +25,11 @@ MEDIA_TYPES = {
 }
 RECORD = {
     "id", "name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "stress",
-    "report", "created_at",
+    "report", "warnings", "created_at",
 }  # fmt: skip
 JOB = {
     "id", "kind", "state", "stage", "progress", "position", "attempts", "detail", "error", "shape_id", "result",
-    "created_at", "started_at", "finished_at",
+    "created_at", "started_at", "finished_at", "warnings",
 }  # fmt: skip
 
 
@@ -327,8 +327,8 @@ def test_a_mesh_read_in_two_ways_is_two_shapes_each_with_its_policy(http):
     data = ply(two_rings(0))
     largest = stored(http, data, parameters=FEW)
     bridged = stored(http, data, parameters=FEW, policy='{"components": "bridge"}')
-    assert largest["policy"] == {"components": "largest", "max_vertices": None, "smooth": 0}
-    assert bridged["policy"] == {"components": "bridge", "max_vertices": None, "smooth": 0}
+    assert largest["policy"] == {"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}
+    assert bridged["policy"] == largest["policy"] | {"components": "bridge"}
     assert bridged["sha256"] == largest["sha256"]
     assert bridged["report"]["links"] == 1
     expected = [read_mesh(data, policy=MeshPolicy(components=kind)) for kind in ("largest", "bridge")]

@@ -7,13 +7,12 @@ import os
 import pty
 import subprocess
 import sys
-import traceback
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from commands import called, failed_with_a_sentence, succeeded, unbend
 from server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import evaluate, leave_one_out
@@ -30,45 +29,6 @@ MEMBERS = {
     "sheets/flat.ply": sheet(**GRID), "sheets/rolled.ply": cylinder(**GRID), "sheets/shut.ply": cylinder(5.0, **GRID),
     "rings/thin.ply": torus(minor=0.3, columns=12, rows=8), "rings/thick.ply": torus(minor=0.33, columns=12, rows=8),
 }  # fmt: skip
-
-
-def unbend(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "unbend", *map(str, arguments)],
-        capture_output=True, text=True, timeout=240, check=False, env=without_settings(**settings),
-    )  # fmt: skip
-
-
-def called(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
-    """The same in this process: for the many calls that would each spend seconds on loading."""
-    from unbend.cli import main
-
-    ours = {name: None for name in os.environ if name.startswith("UNBEND_")}
-    done = CliRunner(env=ours | settings).invoke(main, list(map(str, arguments)))
-    if done.exc_info and not isinstance(done.exception, SystemExit | None):
-        traceback.print_exception(*done.exc_info)
-        return subprocess.CompletedProcess(arguments, 1, done.stdout, f"Traceback: {done.exception!r}")
-    return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
-
-
-def succeeded(*arguments: object, run=unbend, **settings: str) -> subprocess.CompletedProcess[str]:
-    done = run(*arguments, **settings)
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
-    assert "\r" not in done.stderr  # no progress bar where there is no terminal
-    return done
-
-
-def failed_with_a_sentence(done: subprocess.CompletedProcess[str], *words: str, status: int = 1) -> None:
-    assert done.returncode == status, done.stderr
-    assert done.stdout == ""
-    assert "Traceback" not in done.stderr
-    first = done.stderr.splitlines()[0] if status == 1 else done.stderr
-    for word in words:
-        assert word in first
-    if status == 1:
-        assert first.startswith("unbend: ")
-        assert len(done.stderr.splitlines()) <= 2  # the sentence and the advice
 
 
 @pytest.fixture(scope="module")
@@ -257,10 +217,10 @@ def test_a_query_shows_classes_and_shapes_and_the_same_from_a_library_and_a_serv
     assert json.loads(succeeded("query", query, "--url", server.url, "--json", "-k", 3).stdout) == expected
 
 
-OPTIONS = ["--samples", 30, "--dimensions", 2, "--method", "classical", "--components", "bridge", "--max-vertices", 70,
-           "--smooth", 2]  # fmt: skip
+OPTIONS = ["--samples", 30, "--dimensions", 2, "--method", "classical", "--seams", "keep", "--components", "bridge",
+           "--max-vertices", 70, "--smooth", 2]  # fmt: skip
 CHOSEN = Parameters(samples=30, dimensions=2, method="classical")
-READ = MeshPolicy(components="bridge", max_vertices=70, smooth=2)
+READ = MeshPolicy(components="bridge", max_vertices=70, smooth=2, seams="keep")
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import inspect
 import json
+import os
 import socket
 import threading
 import time
 import uuid
 from collections.abc import Iterator
 from contextlib import closing, suppress
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -194,7 +196,7 @@ def test_queries_rank_the_shapes_of_their_parameters(client, mesh, kind):
 def test_a_mesh_is_read_as_the_policy_says(client, kind):
     own = {"samples": {"sync": 31, "async": 32}[kind]}
     data = ply(two_rings({"sync": 0, "async": 1}[kind]))
-    bridge = {"components": "bridge", "max_vertices": 70, "smooth": 2}
+    bridge = {"components": "bridge", "max_vertices": 70, "smooth": 2, "seams": "keep"}
     shape = client.submit(data, parameters=own, policy=bridge).result(PATIENCE)
     assert shape["policy"] == bridge
     assert (shape["report"]["links"], shape["report"]["components"]) == (1, 2)
@@ -377,3 +379,21 @@ def test_a_service_that_is_not_there_has_no_events(kind):
     with pytest.raises(ServiceError, match="could not be reached"):
         list(made.job_events("x"))
     close()
+
+
+def test_a_flat_shaded_box_is_one_surface_and_a_part_of_a_mesh_is_warned_of(client, kind, tmp_path):
+    cube = Path(__file__).parents[1] / "mesh" / "cases" / "ply_flat_cube_24.ply"
+    own = {"samples": {"sync": 6, "async": 7}[kind]}
+    shape = client.submit(cube, parameters=own).result(PATIENCE)
+    assert (shape["report"]["seams"], shape["warnings"]) == (12, [])
+    kept = client.submit(cube, parameters=own | {"samples": 4}, policy={"seams": "keep"}).result(PATIENCE)
+    assert "of the area was kept" in kept["warnings"][0]
+    ranking = client.query(cube, parameters=own | {"samples": 4}, policy={"seams": "keep"})
+    assert ranking["warnings"] == kept["warnings"]
+
+
+def test_a_file_whose_name_is_not_utf8_is_sent_under_its_escapes(client, mesh, kind, tmp_path):
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/m\xe9" + kind.encode() + b".ply"))
+    path.write_bytes(mesh(40))
+    shape = client.submit(path, parameters={"samples": {"sync": 8, "async": 9}[kind]}).result(PATIENCE)
+    assert shape["name"] == rf"m\xe9{kind}"

@@ -275,3 +275,36 @@ def test_coincident_points_stay_together():
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ParameterError, match=message):
         embed(**arguments)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-80, 1e80, 1e160, 1e200, 1e300])
+@pytest.mark.parametrize("method", ["least_squares", "classical", "fast"])
+@pytest.mark.parametrize("dimensions", [2, "auto"])
+def test_any_unit_gives_the_same_points(scale, method, dimensions):
+    matrix = np.array([[0, 3, 4, 5], [3, 0, 5, 4], [4, 5, 0, 3], [5, 4, 3, 0.0]])  # the corners of a rectangle
+    found = embed(matrix * scale, dimensions, method=method)
+    assert found.points.shape == (4, 2)
+    apart = np.linalg.norm(found.points[:, None] / scale - found.points[None] / scale, axis=2)
+    np.testing.assert_allclose(apart, matrix, atol=1e-6)
+    assert found.stress < 1e-12
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e200, 1e300])
+def test_weights_of_any_size_give_the_same_points(scale):
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(8, 3))
+    matrix = np.linalg.norm(points[:, None] - points, axis=2)
+    pairs, shares = np.ones((8, 8)), np.arange(1.0, 9.0)
+    pairs[0, 1] = pairs[1, 0] = 5.0
+    of_pairs, scaled = (embed(matrix, 2, weights=pairs * factor) for factor in (1.0, scale))
+    np.testing.assert_allclose(scaled.points, of_pairs.points, atol=1e-4)
+    assert scaled.stress / scale == pytest.approx(of_pairs.stress, rel=1e-4)
+    for method in ("classical", "least_squares"):
+        found, other = (embed(matrix, 2, method=method, weights=shares * factor) for factor in (1.0, scale))
+        np.testing.assert_allclose(other.points, found.points, atol=1e-4)
+
+
+def test_eigenvalues_that_no_double_can_hold_are_infinite():
+    matrix = np.array([[0, 3, 4], [3, 0, 5], [4, 5, 0.0]])
+    assert np.isinf(embed(matrix * 1e200, 2, method="classical").eigenvalues).all()
+    assert np.isfinite(embed(matrix * 1e100, 2, method="classical").eigenvalues).all()

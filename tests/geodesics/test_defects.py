@@ -27,10 +27,15 @@ def test_the_oracle_for_soups_agrees_with_exact_geodesics_of_manifolds(surface):
     )
 
 
-@given(defective(frozenset(DEFECTS) - COARSE), st.integers(0, 2**32 - 1), st.sampled_from(["largest", "bridge"]))
+@given(
+    defective(frozenset(DEFECTS) - COARSE),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["largest", "bridge"]),
+    st.sampled_from(["stitch", "keep"]),
+)
 @settings(max_examples=300)
-def test_ordinary_defects_end_in_a_right_distance_or_a_typed_error(mesh, seed, components):
-    outcome = examine(mesh, np.random.default_rng(seed), components)
+def test_ordinary_defects_end_in_a_right_distance_or_a_typed_error(mesh, seed, components, seams):
+    outcome = examine(mesh, np.random.default_rng(seed), components, seams=seams)
     assert outcome.error is None or str(outcome.error)
     for update in UPDATES if outcome.error is None else ():
         assert np.abs(outcome.relative[update]).sum() <= MEAN * max(1, len(outcome.relative[update]))

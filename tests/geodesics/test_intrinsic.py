@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -118,6 +120,12 @@ def test_steep_height_maps(slope):
     exact = exact_distances(surface, sources)
     assert mean_relative_error(geodesic_distances(surface, sources), exact) < 0.006
     assert mean_relative_error(geodesic_distances(surface, sources, update="planar"), exact) < 0.03
+
+
+def test_the_height_map_that_was_wrong_by_half():
+    surface = read_mesh(Path(__file__).parent / "cases" / "geo_steep_heightmap.obj")
+    exact = exact_distances(surface, np.array([312]))
+    assert mean_relative_error(geodesic_distances(surface, 312), exact) < 0.005
 
 
 @pytest.mark.parametrize("name", list(cad_models()))

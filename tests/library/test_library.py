@@ -19,6 +19,7 @@ from unbend.matching.measures import MEASURES, VECTOR_MEASURES
 from unbend.mesh.shapes import cylinder, s_bend, sheet, sphere, spiral, torus
 
 FEW = Parameters(samples=40)
+NOTHING = {"measure": "spectrum", "classes": [], "shapes": [], "known": None, "warnings": []}
 GRID = {"columns": 12, "rows": 6}
 BENT = {"flat": sheet(**GRID), "rolled": cylinder(**GRID), "wound": spiral(**GRID)}
 ROUND = {"ball": sphere(subdivisions=1), "marble": sphere(subdivisions=2)}
@@ -106,8 +107,8 @@ def test_the_same_bytes_read_otherwise_are_another_shape_that_is_compared_with_t
     largest = library.add(data, parameters=FEW)
     bridged = library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge"))
     assert library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge")) == bridged
-    assert largest.policy == {"components": "largest", "max_vertices": None, "smooth": 0}
-    assert library.get(bridged.id).policy == {"components": "bridge", "max_vertices": None, "smooth": 0}
+    assert largest.policy == {"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}
+    assert library.get(bridged.id).policy == largest.policy | {"components": "bridge"}
     assert bridged.area > 1.05 * largest.area
     assert [match.id for match in library.nearest(largest.id)] == [bridged.id]
     assert library.nearest(largest.id)[0].distance > 0
@@ -301,7 +302,13 @@ def test_a_bent_sheet_is_known_as_a_sheet_and_a_torus_as_nothing(filled):
 
 def test_nothing_is_known_where_the_nearest_class_has_one_member_or_there_is_none(library):
     query = compute_signature(sphere(subdivisions=1), FEW)
-    assert library.rank(query).as_dict() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+    assert library.rank(query).as_dict() == {
+        "measure": "spectrum",
+        "classes": [],
+        "shapes": [],
+        "known": None,
+        "warnings": [],
+    }
     library.add(small_mesh(0), parameters=FEW)
     unlabelled = library.rank(query)
     assert (unlabelled.classes, len(unlabelled.shapes), unlabelled.known) == ([], 1, None)
@@ -311,7 +318,13 @@ def test_nothing_is_known_where_the_nearest_class_has_one_member_or_there_is_non
 
 def test_a_lone_shape_has_no_neighbours(library):
     record = library.add(small_mesh(0), label="a", parameters=FEW)
-    assert library.rank(record.id).as_dict() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+    assert library.rank(record.id).as_dict() == {
+        "measure": "spectrum",
+        "classes": [],
+        "shapes": [],
+        "known": None,
+        "warnings": [],
+    }
 
 
 def test_shapes_of_other_parameters_take_no_part(library):

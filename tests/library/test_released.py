@@ -50,7 +50,7 @@ def everything(path: Path) -> dict[str, Rows]:
 @pytest.fixture
 def old(tmp_path, request) -> Path:
     """The library of a released version, by its revision."""
-    path = tmp_path / "old.db"
+    path = tmp_path / f"{request.param}.db"
     with closing(sqlite3.connect(path)) as connection:
         connection.executescript((RELEASED / f"{request.param}.sql").read_text(encoding="utf-8"))
     return path
@@ -62,6 +62,11 @@ def fresh(tmp_path_factory) -> Path:
     with Library(str(path)):
         pass
     return path
+
+
+def reading(old: Path) -> MeshPolicy:
+    """How a library of that revision read by default."""
+    return MeshPolicy(seams="stitch" if old.stem >= "0007" else "keep")
 
 
 each = pytest.mark.parametrize("old", DUMPS, indirect=True)
@@ -88,7 +93,7 @@ def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh
             for column in earlier.keys() - {"policy", "epoch"}:
                 assert later[column] == earlier[column], (table, column)
             if "policy" in later:
-                assert MeshPolicy.from_json(later["policy"]) == MeshPolicy()
+                assert MeshPolicy.from_json(later["policy"]) == reading(old)
 
 
 @each
@@ -105,7 +110,8 @@ def test_every_shape_can_be_read_searched_changed_and_removed(old):
             assert (shape.id, shape.name, shape.label, shape.seq) == tuple(
                 row[key] for key in ("id", "name", "label", "seq")
             )
-            assert (shape.metadata, shape.policy) == (json.loads(row["metadata"]), MeshPolicy().as_dict())
+            assert (shape.metadata, shape.policy) == (json.loads(row["metadata"]), reading(old).as_dict())
+            assert shape.warnings == []
             assert shape.created_at.timestamp() == row["created_at"]
             assert library.mesh(shape.id) == row["data"]
             signature, written = library.signature(shape.id), unpack_signature(row["payload"])
@@ -151,6 +157,20 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
         mesh = StoredMesh(library.store.url, job.mesh_sha256, job.file_type, MeshPolicy.from_json(job.policy))
         assert compute(Task(mesh, job.parameters)).signature.unpack().points.shape == (6, 3)
         assert job.request["name"] == "waiting"
+
+
+@pytest.mark.parametrize("old", ["0006"], indirect=True)
+def test_stl_files_which_were_welded_are_stitched_from_now_on(old):
+    with closing(sqlite3.connect(old)) as connection:
+        connection.executescript(
+            """UPDATE signatures SET report = replace(report, '"file_type": "off"', '"file_type": "stl"') WHERE id = 1;
+            UPDATE jobs SET file_type = 'stl' WHERE seq = 1;"""
+        )
+    with Library(str(old)):
+        pass
+    for table, column in (("signatures", "id"), ("jobs", "seq")):
+        policies = rows_of(old, f"SELECT policy FROM {table} ORDER BY {column}")  # noqa: S608
+        assert [MeshPolicy.from_json(row["policy"]).seams for row in policies[:2]] == ["stitch", "keep"]
 
 
 @pytest.mark.parametrize("old", [revision for revision in DUMPS if revision >= "0005"], indirect=True)

@@ -26,6 +26,7 @@ from unbend.library.payload import pack_signature, pack_vector
 from unbend.library.schema import metadata
 
 FEW = Parameters(samples=40)
+KEEP = MeshPolicy(seams="keep")  # as everything was read before there was stitching
 
 
 def check_schema(connection: Connection) -> None:
@@ -94,9 +95,9 @@ def test_a_library_of_the_first_schema_keeps_what_it_holds_and_knows_it_again(tm
             assert connection.exec_driver_sql("PRAGMA foreign_key_check").all() == []
         kept = library.get("shape")
         assert (kept.name, kept.label, kept.metadata, kept.seq) == ("ring", "torus", {"n": 1}, 9)
-        assert (kept.parameters, kept.policy) == (FEW.as_dict(), MeshPolicy().as_dict())
+        assert (kept.parameters, kept.policy) == (FEW.as_dict(), KEEP.as_dict())
         assert library.mesh("shape") == small_mesh(0)
-        assert library.add(small_mesh(0), parameters=FEW) == kept
+        assert library.add(small_mesh(0), parameters=FEW, policy=KEEP) == kept
         (match,) = library.nearest(library.signature("shape"))
         assert (match.id, match.distance) == ("shape", 0.0)
         assert asyncio.run(submitted(library, small_mesh(1))).id == "waits"
@@ -111,14 +112,14 @@ async def submitted(library: Library, data: bytes):
     """What a runner that was never started answers to an upload."""
     runner = JobRunner(library, workers=1)
     try:
-        return await runner.submit("shape", Upload(data, "ply", FEW, MeshPolicy()), {})
+        return await runner.submit("shape", Upload(data, "ply", FEW, KEEP), {})
     finally:
         await runner.stop()
 
 
 def test_a_library_can_go_back_to_the_first_schema_and_forth_again(tmp_path):
     with Library(str(tmp_path / "a.db")) as library:
-        record = library.add(small_mesh(0), parameters=FEW)
+        record = library.add(small_mesh(0), parameters=FEW, policy=KEEP)
     made = create_engine(f"sqlite:///{tmp_path / 'a.db'}")  # whose driver leaves foreign keys alone
     with made.begin() as connection:
         migrate(connection, command.downgrade, "0001")
@@ -126,7 +127,7 @@ def test_a_library_can_go_back_to_the_first_schema_and_forth_again(tmp_path):
     made.dispose()
     assert "policy" not in columns
     with Library(str(tmp_path / "a.db")) as library:
-        assert library.add(small_mesh(0), parameters=FEW) == record
+        assert library.add(small_mesh(0), parameters=FEW, policy=KEEP) == record
 
 
 def test_a_library_from_before_revisions_keeps_what_it_holds_and_then_tells_changes(tmp_path):
@@ -159,7 +160,11 @@ def test_a_library_from_before_revisions_keeps_what_it_holds_and_then_tells_chan
 
 
 def test_policies_that_said_nothing_of_smoothing_stay_the_keys_of_what_was_read_with_them(tmp_path):
-    policies = [MeshPolicy(), MeshPolicy(components="bridge", max_vertices=50), MeshPolicy(smooth=3)]
+    policies = [
+        KEEP,
+        MeshPolicy(components="bridge", max_vertices=50, seams="keep"),
+        MeshPolicy(smooth=3, seams="keep"),
+    ]
     path = tmp_path / "a.db"
     with Library(str(path)) as library:
         records = [library.add(small_mesh(0), parameters=FEW, policy=policy) for policy in policies]

@@ -94,7 +94,7 @@ def test_distances_pass_along_links_at_their_length():
 def test_components_that_touch_are_linked_at_no_length_and_no_area():
     square = sheet(columns=3, rows=3)
     vertices, faces = copies(square, [[0, 0, 0], [np.ptp(square.vertices[:, 0]), 0, 0]])
-    surface = repair(vertices, faces, policy=BRIDGE)
+    surface = repair(vertices, faces, policy=MeshPolicy(components="bridge", seams="keep"))
     assert (surface.report.links, surface.report.longest_link, surface.report.link_area) == (1, 0.0, 0.0)
     assert surface.report.coincident_vertices == 4
     distances = geodesic_distances(surface, int(links_of(surface)[0, 0]))[0]
@@ -148,7 +148,7 @@ def test_many_components_are_linked_in_seconds():
 
 def test_messy_real_meshes_become_one_component(labelled):
     for path, row in labelled("dirty"):
-        surface = read_mesh(path, policy=BRIDGE)
+        surface = read_mesh(path, policy=MeshPolicy(components="bridge", seams="keep"))
         assert component_count(surface) == 1, path.name
         assert surface.report.links == int(row["components"]) - 1, path.name
         assert surface.report.link_area < 0.01 * surface.area, path.name

@@ -41,10 +41,6 @@ TOLD = {
     "stl_no_endsolid.stl": "does not end",
 }
 REFUSED = {"obj_utf16.obj": "UTF-16"}
-STITCHED = {name for name in AREAS if name.startswith(("stl_", "det_ply"))} | {
-    "glb_flat_cube_24.glb", "glb_no_indices.glb", "ply_flat_cube_24.ply",
-}  # fmt: skip
-"""Those whose faces share places and not vertices: one component only when boundary edges are stitched."""
 
 
 def test_every_case_is_looked_at():
@@ -62,13 +58,7 @@ def test_a_case_has_the_area_it_should_have(name, named):
     assert any(TOLD[name] in note for note in parsed.notes) if name in TOLD else parsed.notes == ()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.xfail(strict=True, reason="not stitched yet")] * (name in STITCHED))
-        for name in AREAS
-    ],
-)
+@pytest.mark.parametrize("name", AREAS)
 def test_a_case_is_one_surface(name):
     surface = read_mesh(CASES / name)
     body = OCTAHEDRON if name == "glb_skinned_body_and_prop.glb" else AREAS[name]

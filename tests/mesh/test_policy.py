@@ -16,6 +16,7 @@ from unbend.errors import ParameterError
         components=st.sampled_from(["largest", "bridge", "error"]),
         max_vertices=st.none() | st.integers(4, 10**9),
         smooth=st.integers(0, 100),
+        seams=st.sampled_from(["stitch", "keep"]),
     )
 )
 def test_json_round_trip_and_hash(policy):
@@ -36,10 +37,14 @@ def test_what_is_left_out_of_the_json_stays_at_its_default():
         ("{", "policy: not JSON"),
         ("[]", "policy must be a JSON object"),
         ("[" * 60_000, "policy: nested too deeply"),
-        ('{"component": "bridge"}', "policy: unknown field 'component'; known are components, max_vertices, smooth"),
+        (
+            '{"component": "bridge"}',
+            "policy: unknown field 'component'; known are components, max_vertices, seams, smooth",
+        ),
         ('{"components": "smallest"}', "components must be one of largest, bridge, error, not 'smallest'"),
         ('{"components": null}', "components"),
         ('{"components": []}', "components"),
+        ('{"seams": "weld"}', "seams must be one of stitch, keep, not 'weld'"),
         ('{"max_vertices": 3}', "max_vertices"),
         ('{"max_vertices": true}', "max_vertices"),
         ('{"max_vertices": "100"}', "max_vertices"),

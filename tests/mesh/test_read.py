@@ -72,11 +72,13 @@ def test_a_path_and_a_binary_file_are_read_like_bytes(tmp_path):
         np.testing.assert_array_equal(surface.vertices, VERTICES)
 
 
-def test_equal_coordinates_are_not_welded():
+def test_a_vertex_in_copies_is_one_where_an_edge_joins_them_unless_seams_are_kept():
     doubled = OBJ + b"v 0 0 0\nv 0 2 0\nf 6 4 7\nf 4 3 7\n"
     surface = read_mesh(doubled)
-    assert len(surface.vertices) == 7
-    assert surface.faces.max() == 6
+    assert surface.report.seams == 1
+    np.testing.assert_array_equal(surface.vertex_map, [0, 1, 2, 3, 4, 0, 5])
+    cut = read_mesh(doubled, policy=MeshPolicy(seams="keep"))
+    assert (len(cut.vertices), cut.faces.max(), cut.vertex_map) == (7, 6, None)
 
 
 def test_obj_texture_and_material_do_not_split_vertices():
@@ -177,7 +179,7 @@ def test_any_damage_gives_a_surface_or_a_typed_error(data, draw):
 def test_real_meshes_are_read_as_their_table_says(labelled):
     for dataset in ("single", "dirty", "tosca5k"):
         for path, row in labelled(dataset):
-            report = read_mesh(path, policy=MeshPolicy(components="bridge")).report
+            report = read_mesh(path, policy=MeshPolicy(components="bridge", seams="keep")).report
             assert (report.vertices, report.faces) == (int(row["nv"]), int(row["nf"])), path.name
             assert report.components == int(row["components"]), path.name
             if not report.duplicate_faces:  # the table counts the edges of duplicates too

@@ -15,6 +15,7 @@ from unbend.mesh import rows
 from unbend.mesh.repair import repair
 from unbend.mesh.shapes import sheet, sphere, torus
 
+KEEP = MeshPolicy(seams="keep")
 BALL = sphere(2)
 SIZE = len(BALL.vertices)
 A, B, C = (int(corner) for corner in BALL.faces[-1])
@@ -91,7 +92,7 @@ DEFECTS = {
 
 @pytest.mark.parametrize(("vertices", "faces", "expected"), DEFECTS.values(), ids=DEFECTS)
 def test_every_defect_is_found_and_named_and_moves_no_vertex(vertices, faces, expected):
-    surface = repair(vertices, faces)
+    surface = repair(vertices, faces, policy=KEEP)
     assert found(surface) == expected
     assert len(surface.report.notes) == len(expected) - ("nonfinite_vertices" in expected) + (
         surface.report.components > 1
@@ -103,7 +104,7 @@ def test_every_defect_is_found_and_named_and_moves_no_vertex(vertices, faces, ex
 @pytest.mark.parametrize(("vertices", "faces", "expected"), DEFECTS.values(), ids=DEFECTS)
 def test_distances_on_a_defective_ball_are_those_of_the_whole_one(vertices, faces, expected):
     source = int(np.linalg.norm(BALL.vertices - BALL.vertices[A], axis=1).argmax())
-    surface = repair(vertices, faces)
+    surface = repair(vertices, faces, policy=KEEP)
     distances = geodesic_distances(surface, source)[0]
     assert not np.isnan(distances).any()
     reached = np.isfinite(distances)
@@ -152,7 +153,7 @@ def test_a_thin_or_small_face_is_not_of_zero_area(small, height, count):
 @pytest.mark.parametrize("scale", [1e-120, 1e-30, 1e30, 1e120])
 def test_a_mesh_is_the_same_in_any_unit(scale):
     vertices, faces, expected = DEFECTS["coincident vertices"]
-    surface = repair(scale * vertices, faces)
+    surface = repair(scale * vertices, faces, policy=KEEP)
     assert found(surface) == expected
     assert surface.area / scale / scale == pytest.approx(BALL.area)
 
@@ -270,7 +271,7 @@ def damaged(damages):
 @given(DAMAGES, st.sampled_from(["largest", "bridge"]))
 def test_no_damage_moves_drops_or_renumbers_a_vertex_or_changes_a_sound_face(damages, components):
     vertices, faces = damaged(damages)
-    surface = repair(vertices, faces, policy=MeshPolicy(components=components))
+    surface = repair(vertices, faces, policy=MeshPolicy(components=components, seams="keep"))
     np.testing.assert_array_equal(surface.vertices, vertices)
     kept = surface.faces[: len(surface.faces) - surface.report.links].tolist()
     seen, sound = set(), []
@@ -289,7 +290,7 @@ def test_no_damage_moves_drops_or_renumbers_a_vertex_or_changes_a_sound_face(dam
 @given(DAMAGES)
 def test_fans_rims_and_orientation_are_what_walking_around_finds(damages):
     vertices, faces = damaged(damages)
-    surface = repair(vertices, faces, policy=MeshPolicy(components="bridge"))
+    surface = repair(vertices, faces, policy=MeshPolicy(components="bridge", seams="keep"))
     kept = surface.faces[: len(surface.faces) - surface.report.links].tolist()
     by_edge = {}
     for number, face in enumerate(kept):

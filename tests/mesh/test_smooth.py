@@ -154,11 +154,11 @@ def test_whatever_is_wrong_with_a_mesh_its_vertices_are_numbers_or_an_error_says
         surface = smoothed(mesh.vertices, mesh.faces, rounds, components=components)
     except MeshError:
         return
-    assert surface.vertices.shape == mesh.vertices.shape
+    where = np.arange(len(mesh.vertices)) if surface.vertex_map is None else surface.vertex_map
     used = surface.used_vertices
     assert np.isfinite(surface.vertices[used]).all()
-    unused = np.setdiff1d(np.arange(len(mesh.vertices)), used)
-    np.testing.assert_array_equal(surface.vertices[unused], mesh.vertices[unused])
+    unused = ~np.isin(where, used)
+    np.testing.assert_array_equal(surface.vertices[where[unused]], mesh.vertices[unused])
     assert surface.area > 0
     assert np.isfinite(surface.report.area_change)
 

@@ -18,7 +18,7 @@ from unbend.jsons import as_whole
 from unbend.library.ranking import MOST_PAIRS
 from unbend.matching.classification.registry import CLASSIFIERS
 from unbend.matching.measures.registry import MEASURES, PAIR_MEASURES, VECTOR_MEASURES
-from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components
+from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components, Seams
 from unbend.signature.parameters import MAX_SAMPLES, Scaling
 
 EXAMPLE_ID: Final = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
@@ -57,6 +57,7 @@ class PolicyFields(BaseModel):
         None, description="Simplify a mesh of more vertices."
     )
     smooth: int = Field(0, ge=0, le=MOST_ROUNDS, description="Rounds of smoothing.")
+    seams: Seams = Field("stitch", description="Join boundary edges whose ends coincide, or leave the surface cut.")
 
 
 def _inline(model: type[BaseModel], description: str) -> dict[str, Any]:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.api.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
 from unbend.library.records import JobRecord, ShapeRecord
-from unbend.library.values import MAX_TEXT
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.names import MAX_TEXT
+
+_WARNINGS: Final = "Why the answer may be wrong, and what to do, a sentence each; mostly empty."
+_WARNING: Final = (
+    "only 50.0% of the area was kept, the largest of 2 components, so that the answer may be that of a part: the "
+    'reading policy components="bridge" links all of them'
+)
 
 
 class Shape(BaseModel):
@@ -25,12 +31,14 @@ class Shape(BaseModel):
     size: int = Field(description="Bytes of that file.", examples=[20480])
     parameters: dict[str, Any] = Field(description="What the signature was computed with.")
     policy: dict[str, Any] = Field(
-        description="How the file was read.", examples=[{"components": "largest", "max_vertices": None, "smooth": 0}]
+        description="How the file was read.",
+        examples=[{"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}],
     )
     version: str = Field(description="Of the algorithm; signatures of different versions are not compared.")
     area: float = Field(description="Of the surface, in squared units of the file.")
     stress: float = Field(description="Eq. 2 of the paper: 0 where the signature has exactly the geodesic distances.")
     report: dict[str, Any] = Field(description="What reading the mesh found and repaired; `notes` in plain words.")
+    warnings: list[str] = Field(description=_WARNINGS, examples=[[_WARNING]])
     created_at: datetime
 
     @classmethod
@@ -92,6 +100,10 @@ class Ranking(BaseModel):
         description="Whether the query is as near to the best class as its members are to each other: if not, it may "
         "be none of these. Null where the class has too few members to tell."
     )
+    warnings: list[str] = Field(
+        default_factory=list,  # answers that were stored before have none
+        description=f"Of the query. {_WARNINGS}",
+    )
 
 
 class Job(BaseModel):
@@ -111,6 +123,7 @@ class Job(BaseModel):
     error: JobError | None
     shape_id: Id | None = Field(description="Of a succeeded upload: the shape it became.")
     result: Ranking | None = Field(description="Of a succeeded query.")
+    warnings: list[str] = Field(description=f"Of a succeeded job. {_WARNINGS}")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None

@@ -10,9 +10,10 @@ from starlette.datastructures import UploadFile
 from unbend.api.problems import pointing_at
 from unbend.jobs import Upload
 from unbend.jsons import parse_json
-from unbend.library.values import MAX_TEXT, check_metadata
+from unbend.library.values import check_metadata
 from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.policy import MeshPolicy
+from unbend.names import MAX_TEXT
 from unbend.signature.parameters import Parameters
 
 

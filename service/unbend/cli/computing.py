@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unbend.cli.folder import LabelledFile
-from unbend.cli.options import Values, progress, warn
+from unbend.cli.options import Values, progress, warn, warn_of
 from unbend.errors import UnbendError
 from unbend.mesh.policy import MeshPolicy
 
@@ -33,17 +33,20 @@ def read_file(mesh: Path, policy: Values) -> Surface:
     surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy))
     for note in surface.report.notes:
         warn(f"{mesh.name}: {note}")
+    warn_of(mesh.name, surface.report.warnings)
     return surface
 
 
 def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
-    """Return the signature of the mesh at `mesh`."""
+    """Return the signature of the mesh at `mesh`; what may be wrong with it goes to standard error."""
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
     from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
 
     chosen = Parameters.from_dict(parameters)
-    return compute_signature(read_mesh(mesh, policy=MeshPolicy.from_dict(policy)), chosen)
+    found = compute_signature(read_mesh(mesh, policy=MeshPolicy.from_dict(policy)), chosen)
+    warn_of(mesh.name, found.warnings)
+    return found
 
 
 def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> list[Computed]:
@@ -53,6 +56,8 @@ def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Val
     for result in results:
         if result.signature is None:
             warn(f"{result.file.path}: {result.error}")
+        else:
+            warn_of(result.file.path, result.signature.warnings)
     return results
 
 

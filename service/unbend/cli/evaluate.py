@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from unbend.cli.options import Values, folder_argument, json_option, parameter_options, policy_options, warn
+from unbend.names import printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -169,7 +170,7 @@ def _settings(parameters: Values, policy: Values) -> Values:
 
 def _name(file: LabelledFile, folder: Path) -> str:
     """Return the file's path as the CSV has it."""
-    return str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path)
+    return printable(str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path))
 
 
 def _figures(evaluation: Evaluation, left_out: bool) -> dict[str, float]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from unbend.cli.options import library_option
+from unbend.names import printable
 
 
 @click.command()
@@ -24,4 +25,4 @@ def export(folder: Path, library: str | None) -> None:
     must_be_there(url)
     with Library(url) as opened:
         count = opened.export(folder)
-    click.echo(f"{folder}: {count} shapes")
+    click.echo(f"{printable(str(folder))}: {count} shapes")

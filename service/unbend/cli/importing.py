@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from unbend.cli.options import (
     progress,
     url_option,
     warn,
+    warn_of,
 )
 from unbend.errors import MeshError, ParameterError, ServiceError, UnbendError
 from unbend.mesh.policy import MeshPolicy
@@ -30,6 +32,15 @@ if TYPE_CHECKING:
 
 EXIT_SOME_FAILED = 3
 _AHEAD = 64  # uploads sent before the first is waited for, so that no worker is idle
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """A file that was imported, or why it was not."""
+
+    path: Path
+    error: str = ""
+    warnings: Sequence[str] = ()
 
 
 @click.command("import")
@@ -61,15 +72,18 @@ def import_folder(
     else:
         outcomes = _into_library(library or "unbend.db", files, parameters, policy)
     with progress(outcomes, "importing", len(files)) as bar:
-        failures = [failure for failure in bar if failure]
-    for failure in failures:
-        warn(failure)
-    click.echo(f"{len(files) - len(failures)} of {len(files)} shapes imported")
-    if failures:
+        ended = list(bar)
+    for file in ended:
+        if file.error:
+            warn(f"{file.path}: {file.error}")
+        warn_of(file.path, file.warnings)
+    imported = sum(not file.error for file in ended)
+    click.echo(f"{imported} of {len(files)} shapes imported")
+    if imported < len(files):
         sys.exit(EXIT_SOME_FAILED)
 
 
-def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[str]:
+def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[_Ended]:
     from unbend.library import Library  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
@@ -77,13 +91,13 @@ def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, p
     with Library(url) as library:
         for file in files:
             try:
-                library.add(file.path, label=file.label, parameters=chosen, policy=reading)
-                yield ""
-            except (MeshError, OSError) as error:
-                yield f"{file.path}: {error}"
+                added = library.add(file.path, label=file.label, parameters=chosen, policy=reading)
+                yield _Ended(file.path, warnings=added.warnings)
+            except (MeshError, ParameterError, OSError) as error:
+                yield _Ended(file.path, str(error))
 
 
-def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[str]:
+def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[_Ended]:
     with connect(url) as client:
         waiting: deque[tuple[LabelledFile, Job]] = deque()
         for file in files:
@@ -93,11 +107,11 @@ def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, poli
             except (UnbendError, OSError) as error:
                 if _is_hopeless(error):
                     raise
-                yield f"{file.path}: {error}"
+                yield _Ended(file.path, str(error))
             if len(waiting) > _AHEAD:
-                yield _failure(*waiting.popleft())
+                yield _end_of(*waiting.popleft())
         for file, job in waiting:
-            yield _failure(file, job)
+            yield _end_of(file, job)
 
 
 def _is_hopeless(error: Exception) -> bool:
@@ -107,9 +121,8 @@ def _is_hopeless(error: Exception) -> bool:
     )
 
 
-def _failure(file: LabelledFile, job: Job) -> str:
+def _end_of(file: LabelledFile, job: Job) -> _Ended:
     try:
-        job.result()
+        return _Ended(file.path, warnings=job.result().get("warnings", ()))
     except UnbendError as error:
-        return f"{file.path}: {error}"
-    return ""
+        return _Ended(file.path, str(error))

@@ -18,6 +18,7 @@ from unbend.cli.flatten import flatten
 from unbend.cli.importing import import_folder
 from unbend.cli.keys import keys
 from unbend.cli.openapi import openapi
+from unbend.cli.options import warn
 from unbend.cli.query import query
 from unbend.cli.serve import serve
 from unbend.cli.signature import signature
@@ -38,12 +39,12 @@ class ErrorsShown(click.Group):
         try:
             return super().invoke(ctx)
         except UnbendError as error:
-            click.echo(f"unbend: {error}", err=True)
+            warn(f"unbend: {error}")
             if error.advice:
-                click.echo(f"        {error.advice}", err=True)
+                warn(f"        {error.advice}")
             sys.exit(EXIT_FAILED)
         except OSError as error:
-            click.echo(f"unbend: {error.filename or ''}: {error.strerror or error}", err=True)
+            warn(f"unbend: {error.filename or ''}: {error.strerror or error}")
             sys.exit(EXIT_FAILED)
 
 

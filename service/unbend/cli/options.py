@@ -10,7 +10,8 @@ from typing import Any, TypeVar, get_args
 
 import click
 
-from unbend.mesh.policy import Components, MeshPolicy
+from unbend.mesh.policy import Components, MeshPolicy, Seams
+from unbend.names import printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -76,6 +77,11 @@ policy_options = _group(
             "default": 0,
             "help": "Rounds of smoothing, for noisy scans.",
         },
+        "--seams": {
+            "type": click.Choice(get_args(Seams)),
+            "default": MeshPolicy().seams,
+            "help": "Join edges whose ends coincide, or keep the surface cut there.",
+        },
     },
 )
 
@@ -91,4 +97,10 @@ def progress(items: Iterable[T], label: str, length: int) -> Iterator[Iterable[T
 
 def warn(message: str) -> None:
     """Print a line on standard error."""
-    click.echo(message, err=True)
+    click.echo(printable(message), err=True)
+
+
+def warn_of(name: object, warnings: Iterable[str]) -> None:
+    """Print on standard error why what is said of a file may be wrong."""
+    for sentence in warnings:
+        warn(f"{name}: warning: {sentence}")

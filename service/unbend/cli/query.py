@@ -17,6 +17,7 @@ from unbend.cli.options import (
     parameter_options,
     policy_options,
     url_option,
+    warn_of,
 )
 
 
@@ -52,6 +53,8 @@ def query(
     else:
         ranking = _in_library(library or "unbend.db", mesh, parameters, policy, asked)
     click.echo(json.dumps(ranking) if as_json else _table(ranking))
+    if url:  # what was computed here has told its own
+        warn_of(mesh.name, ranking.get("warnings", ()))
 
 
 def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, asked: Values) -> Values:

@@ -25,6 +25,7 @@ from unbend.errors import (
     UnbendError,
     WorkerLostError,
 )
+from unbend.names import MAX_TEXT, printable
 
 Json = dict[str, Any]
 
@@ -58,13 +59,17 @@ class MeshFile:
 
     data: bytes
     name: str
+    title: str | None = None
+    """The name of a shape that is made of it, where the service would not take that from the file's."""
 
     @classmethod
     def of(cls, source: bytes | str | Path) -> MeshFile:
         """Read a path, or take bytes as they are."""
         if isinstance(source, bytes):
             return cls(source, "unnamed")
-        return cls(Path(source).read_bytes(), Path(source).name)
+        path = Path(source)
+        name, title = printable(path.name), printable(path.stem)[:MAX_TEXT]
+        return cls(path.read_bytes(), name, title if "\\" in name else None)  # which servers take for a folder's end
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ class Details:
 
 def upload_content(mesh: MeshFile, details: Details) -> Content:
     """Return the form of an upload."""
-    return _content(mesh, vars(details))
+    return _content(mesh, vars(details) | {"name": details.name or mesh.title})
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
@@ -10,6 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from unbend.arrays import Floats
 from unbend.errors import ParameterError
 from unbend.tolerances import SYMMETRY
+
+_LARGEST_POWER: Final = 200  # of two; double precision ends at 1024, and sums of fourth powers are formed
 
 
 def check_distances(distances: ArrayLike) -> Floats:
@@ -46,7 +50,23 @@ def check_point_weights(weights: ArrayLike, count: int) -> Floats:
         raise ParameterError(f"weights of points must be {(count,)}, not {vector.shape}")
     if not np.isfinite(vector).all() or vector.min() <= 0:
         raise ParameterError("weights of points must be finite and above zero")
+    vector = vector / vector.max()  # the sum of what was given may be too large
     return np.asarray(vector / vector.mean())
+
+
+def in_range(matrix: Floats) -> tuple[Floats, int]:
+    """Return `matrix` over a power of two, and that power: fourth powers of the entries then stay in double precision.
+
+    The power is 0, and the matrix the same, where they do anyway.
+    """
+    power = int(np.frexp(matrix.max())[1])
+    return (matrix, 0) if abs(power) <= _LARGEST_POWER else (np.ldexp(matrix, -power), power)
+
+
+def scaled_back(values: ArrayLike, power: int) -> Floats:
+    """Return `values` times a power of two, infinite or 0 where double precision ends."""
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(np.ldexp(values, power))
 
 
 def _square(values: ArrayLike, what: str) -> Floats:

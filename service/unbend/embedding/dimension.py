@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats
-from unbend.embedding.checks import check_distances
+from unbend.embedding.checks import check_distances, in_range
 from unbend.embedding.classical import inner_products
 from unbend.errors import ParameterError
 from unbend.tolerances import REPRESENTATION_ERROR
@@ -37,7 +37,7 @@ def representation_errors(distances: ArrayLike) -> Floats:
     ParameterError
         If `distances` is not as described.
     """
-    matrix = check_distances(distances)
+    matrix, _ = in_range(check_distances(distances))  # the errors are shares, whatever the unit
     count = len(matrix)
     values = np.linalg.eigvalsh(inner_products(matrix**2, np.full(count, 1 / count)))
     squares = np.maximum(values, 0.0) ** 2  # rising

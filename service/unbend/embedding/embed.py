@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, frozen
-from unbend.embedding.checks import check_distances, check_pair_weights, check_point_weights
+from unbend.embedding.checks import (
+    check_distances,
+    check_pair_weights,
+    check_point_weights,
+    in_range,
+    scaled_back,
+)
 from unbend.embedding.classical import classical_scaling
 from unbend.embedding.dimension import effective_dimension
 from unbend.embedding.fast import fastmap
@@ -34,7 +40,10 @@ class Embedding:
     iterations: int
     """Of SMACOF; 0 for the other methods."""
     eigenvalues: Floats
-    """Leading eigenvalues of classical scaling, (min(n, m),); empty for "fast"."""
+    """Leading eigenvalues of classical scaling, (min(n, m),); empty for "fast".
+
+    In squared units of the distances, so that they are infinite, or 0, where those leave double precision.
+    """
     clipped: int = 0
     """Negative squared residuals that FastMap took for zero."""
 
@@ -85,14 +94,33 @@ def embed(
     ParameterError
         If an argument is not as described.
     """
-    matrix = check_distances(distances)
+    matrix, unit = in_range(check_distances(distances))
     if method not in get_args(Method):
         raise ParameterError(f"method must be one of {get_args(Method)}, not {method!r}")
     if not _is_count(starts) or (starts and method != "least_squares"):
         raise ParameterError(f"starts must be a whole number from 0, for least_squares only, not {starts!r}")
     check_threads(threads)
     pairs, shares = _checked_weights(weights, method, len(matrix))
-    wanted = _checked_dimensions(dimensions, matrix)
+    pairs, heaviness = (None, 0) if pairs is None else in_range(pairs)
+    found = _embedded(matrix, _checked_dimensions(dimensions, matrix), method, pairs, shares, starts, threads, progress)
+    return replace(
+        found,
+        points=scaled_back(found.points, unit),
+        stress=float(scaled_back(found.stress, heaviness)),
+        eigenvalues=scaled_back(found.eigenvalues, 2 * unit),
+    )
+
+
+def _embedded(
+    matrix: Floats,
+    wanted: int,
+    method: Method,
+    pairs: Floats | None,
+    shares: Floats | None,
+    starts: int,
+    threads: int | None,
+    progress: Progress | None,
+) -> Embedding:
     if method == "fast":
         points, clipped = fastmap(matrix, wanted)
         return Embedding(points, stress(points, matrix), 0, np.empty(0), clipped=clipped)

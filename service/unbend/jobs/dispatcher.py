@@ -156,8 +156,8 @@ class Dispatcher:
         self._observer.computed(outcome.seconds)
         if job.kind == "query":
             ranking = await asyncio.to_thread(self._library.rank, outcome.signature.unpack(), **job.request)
-            result = ranking.as_dict()
-            return await self._made(lambda connection: queue.finish(connection, job.id, "succeeded", result=result))
+            answer = partial(queue.finish, job_id=job.id, state="succeeded", result=ranking.as_dict())
+            return await self._made(partial(answer, warnings=ranking.warnings))
         return await self._made(partial(_store_shape, job=job, outcome=outcome))
 
     async def _failed(self, job: JobRecord, error: Exception) -> JobRecord | None:
@@ -201,4 +201,4 @@ def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> Jo
             metadata=job.request["metadata"],
         ),
     )  # fmt: skip
-    return queue.finish(connection, job.id, "succeeded", shape_id=shape_id)
+    return queue.finish(connection, job.id, "succeeded", shape_id=shape_id, warnings=outcome.signature.warnings)

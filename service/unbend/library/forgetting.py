@@ -30,7 +30,7 @@ def forget_in_jobs(connection: Connection, shape_id: str, label: str | None, sha
     ended = jobs.c.state.in_(("succeeded", "failed", "cancelled"))
     failed = (jobs.c.mesh_sha256 == sha256) & jobs.c.shape_id.is_(None) & (jobs.c.kind == "shape")
     became = or_(jobs.c.shape_id == shape_id, failed)
-    connection.execute(update(jobs).where(ended, became).values(request={}))
+    connection.execute(update(jobs).where(ended, became).values(request={}, warnings=[]))
     told = cast(jobs.c.result, String)
     mention = told.contains(shape_id)
     if label is not None and label not in _present(connection, shapes.c.label, [label]):

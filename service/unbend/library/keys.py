@@ -20,7 +20,7 @@ from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library.schema import api_keys
-from unbend.library.values import MAX_TEXT
+from unbend.names import MAX_TEXT
 
 Scope = Literal["read", "write"]
 """What a key may do; "write" includes "read"."""

@@ -18,13 +18,14 @@ from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, m
 from unbend.library.payload import PackedSignature, unpack_signature
 from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
-from unbend.library.values import MAX_TEXT, check_changes
+from unbend.library.values import check_changes
 from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
 from unbend.matching.evaluate import Evaluation, RetrievalFigures
 from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
 from unbend.matching.measures.moments import SURFACE_MOMENTS
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
+from unbend.names import MAX_TEXT, printable
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import ALGORITHM_VERSION, Signature
@@ -108,7 +109,7 @@ class Library:
         """
         given = Path("unnamed") if isinstance(source, bytes) else Path(source)
         described: dict[str, Any] = {
-            "name": (name or given.stem)[:MAX_TEXT],
+            "name": (name or printable(given.stem))[:MAX_TEXT],
             "label": label,
             "metadata": metadata or {},
         }

@@ -31,13 +31,15 @@ class PackedSignature:
     payload: bytes
     vectors: Mapping[str, bytes]
     """Its descriptors."""
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, signature: Signature) -> Self:
         """Pack a signature."""
         vectors = {name: pack_vector(vector) for name, vector in signature.descriptors.items()}
         parameters = signature.parameters.to_json()
-        return cls(parameters, signature.version, signature.stress, pack_signature(signature), vectors)
+        payload = pack_signature(signature)
+        return cls(parameters, signature.version, signature.stress, payload, vectors, signature.warnings)
 
     def unpack(self) -> Signature:
         """Return the signature."""
@@ -48,6 +50,7 @@ def pack_signature(signature: Signature) -> bytes:
     """Return `signature` as an npz file: its arrays, and the rest as JSON under "about"."""
     about = {name: getattr(signature, name) for name in _NUMBERS}
     about |= {"parameters": signature.parameters.as_dict(), "version": signature.version}
+    about["warnings"] = signature.warnings
     arrays = {name: getattr(signature, name) for name in _ARRAYS}
     arrays |= {f"descriptors/{name}": vector for name, vector in signature.descriptors.items()}
     arrays["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
@@ -70,6 +73,7 @@ def unpack_signature(data: bytes) -> Signature:
             descriptors={name: file[f"descriptors/{name}"] for name in names},
             parameters=Parameters.from_dict(about["parameters"]),
             version=about["version"],
+            warnings=tuple(about.get("warnings", ())),  # older ones have none
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, Literal
 
@@ -116,6 +117,7 @@ def finish(
     error: dict[str, Any] | None = None,
     result: dict[str, Any] | None = None,
     shape_id: str | None = None,
+    warnings: Sequence[str] = (),
     reached: dict[str, Any] | None = None,
 ) -> JobRecord | None:
     """End an unfinished job and forget its mesh if nothing else needs it; None if it had ended before."""
@@ -124,6 +126,7 @@ def finish(
         "finished_at": datetime.now(UTC),
         "error": error,
         "result": without_gone(connection, result),  # shapes may have been removed since it was made
+        "warnings": list(warnings),
     }
     values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if state == "succeeded" else reached or {}
     row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()

@@ -34,6 +34,8 @@ class Ranking:
     shapes: Sequence[ShapeMatch]
     known: bool | None
     """Whether the best class is near enough; None where the library cannot tell."""
+    warnings: Sequence[str] = ()
+    """Of the query's signature: why the answer may be wrong, and what to do."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the ranking as plain JSON values, as the HTTP contract has it."""
@@ -42,6 +44,7 @@ class Ranking:
             "classes": [dict(vars(match)) for match in self.classes],
             "shapes": [dict(vars(match)) for match in self.shapes],
             "known": self.known,
+            "warnings": list(self.warnings),
         }
 
 
@@ -84,7 +87,7 @@ def rank(store: Store, index: VectorIndex, query: Signature | str, asked: Questi
     UnsuitedError
         If the classifier needs more labels.
     """
-    key, seq = _compared_with(store, query, asked.measure)
+    key, seq, warnings = _compared_with(store, query, asked.measure)
     with store.read() as connection:
         held = index.get(connection, key)
         if isinstance(query, Signature):
@@ -95,23 +98,23 @@ def rank(store: Store, index: VectorIndex, query: Signature | str, asked: Questi
                 raise NotFoundError(f"no shape {query} that {asked.measure.name} can compare")
             vector, held = held.gallery.vectors[row], held.without(row)
         if not len(held):
-            return Ranking(asked.name, [], [], None)
+            return Ranking(asked.name, [], [], None, warnings)
         distances = held.distances(vector, asked.measure)
         nearest = smallest(distances, asked.k if asked.pairs is None else max(asked.k, SHORTLIST))
         matches = rows.get_matches(connection, held.seqs[nearest].tolist(), distances[nearest].tolist())
         if asked.pairs is not None:
             matches = _reordered(connection, query, matches, asked.pairs)[: asked.k]
     found = classify(held.gallery, asked.measure, vector, distances, asked.classifier)
-    return Ranking(asked.name, found.matches, matches, found.known)
+    return Ranking(asked.name, found.matches, matches, found.known, warnings)
 
 
-def _compared_with(store: Store, query: Signature | str, measure: VectorMeasure) -> tuple[IndexKey, int]:
-    """Return what a query is compared with, and its own place in the order of adding, 0 where it has none."""
+def _compared_with(store: Store, query: Signature | str, measure: VectorMeasure) -> tuple[IndexKey, int, Sequence[str]]:
+    """Return what a query is compared with, its own place in the order of adding, 0 where it has none, its warnings."""
     if isinstance(query, Signature):
-        return IndexKey(measure, query.parameters.to_json(), query.version), 0
+        return IndexKey(measure, query.parameters.to_json(), query.version), 0, query.warnings
     with store.read() as connection:  # of its own, for the index must see the store no earlier than others did
-        seq, parameters, version = rows.get_place(connection, query)
-    return IndexKey(measure, parameters, version), seq
+        seq, parameters, version, warnings = rows.get_place(connection, query)
+    return IndexKey(measure, parameters, version), seq, warnings
 
 
 def _reordered(

@@ -26,6 +26,8 @@ class ShapeRecord:
     area: float
     stress: float
     report: dict[str, Any]
+    warnings: list[str]
+    """Why its signature may not be what it should, and what to do."""
     created_at: datetime
     seq: int
 
@@ -71,6 +73,8 @@ class JobRecord:
     started_at: datetime | None
     finished_at: datetime | None
     seq: int
+    warnings: list[str] = field(default_factory=list)
+    """Those of its signature, once it has succeeded."""
     detail: dict[str, float] = field(default_factory=dict)
     """What the stage tells of itself while the job runs; not stored."""
 

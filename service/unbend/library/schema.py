@@ -67,6 +67,7 @@ signatures = Table(
     Column("area", Float, nullable=False),
     Column("stress", Float, nullable=False),
     Column("payload", LargeBinary, nullable=False),
+    Column("warnings", JSON, nullable=False, server_default="[]"),
     UniqueConstraint("mesh_sha256", "parameters", "policy", "version"),
     comment="What was computed: one row for a file, parameters, reading policy and version of the algorithm.",
 )
@@ -129,6 +130,7 @@ jobs = Table(
     Column("created_at", Instant, nullable=False),
     Column("started_at", Instant),
     Column("finished_at", Instant),
+    Column("warnings", JSON, nullable=False, server_default="[]"),
     Index(None, "state", "seq"),
     Index(None, "mesh_sha256"),
     sqlite_autoincrement=True,

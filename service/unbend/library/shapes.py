@@ -26,7 +26,7 @@ MAX_PAGE = 500
 _COLUMNS = (
     shapes.c.id, shapes.c.name, shapes.c.label, shapes.c.metadata, meshes.c.sha256, meshes.c.size,
     signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
-    signatures.c.report, shapes.c.created_at, shapes.c.seq,
+    signatures.c.report, signatures.c.warnings, shapes.c.created_at, shapes.c.seq,
 )  # fmt: skip
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
     meshes, signatures.c.mesh_sha256 == meshes.c.sha256
@@ -53,7 +53,7 @@ _WANTED = select(
 )
 _NEXT_REVISION = update(library_state).values(revision=library_state.c.revision + 1).returning(library_state.c.revision)
 _PLACE = (
-    select(shapes.c.seq, signatures.c.parameters, signatures.c.version)
+    select(shapes.c.seq, signatures.c.parameters, signatures.c.version, signatures.c.warnings)
     .join(signatures, shapes.c.signature_id == signatures.c.id)
     .where(shapes.c.id == bindparam("shape_id"))
 )
@@ -115,7 +115,7 @@ def add_shape(connection: Connection, new: NewShape) -> str:
         {
             "mesh_sha256": new.sha256, "parameters": new.key.parameters, "policy": new.key.policy,
             "version": new.key.version, "report": new.report, "area": new.area, "stress": packed.stress,
-            "payload": packed.payload,
+            "payload": packed.payload, "warnings": list(packed.warnings),
         },
     )  # fmt: skip
     connection.execute(
@@ -155,12 +155,12 @@ def get_signature_payload(connection: Connection, shape_id: str) -> bytes:
     return bytes(payload)
 
 
-def get_place(connection: Connection, shape_id: str) -> tuple[int, str, str]:
-    """Return a shape's place in the order of adding, and its signature's parameters and version."""
+def get_place(connection: Connection, shape_id: str) -> tuple[int, str, str, list[str]]:
+    """Return a shape's place in the order of adding, and its signature's parameters, version and warnings."""
     row = connection.execute(_PLACE, {"shape_id": shape_id}).one_or_none()
     if row is None:
         raise NotFoundError(f"no shape {shape_id}")
-    return row.seq, row.parameters, row.version
+    return row.seq, row.parameters, row.version, row.warnings
 
 
 def get_matches(connection: Connection, seqs: Sequence[int], distances: Sequence[float]) -> list[ShapeMatch]:

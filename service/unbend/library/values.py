@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 from unbend.errors import ParameterError
-
-MAX_TEXT: Final = 200
+from unbend.names import MAX_TEXT
 
 
 def check_changes(changes: Mapping[str, Any]) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from unbend.arrays import Floats, Ints
+from unbend.arrays import Bools, Floats, Ints
 from unbend.errors import MeshGeometryError
 from unbend.mesh.report import MeshReport
-from unbend.mesh.rows import equal_faces, equal_points
+from unbend.mesh.rows import equal_faces
 from unbend.mesh.surface import Surface
 from unbend.tolerances import DEGENERATE_HEIGHT
 
@@ -29,7 +29,12 @@ def cleaned(vertices: Floats, faces: Ints, report: MeshReport) -> Surface:
     if len(faces):
         surface = Surface(vertices, faces)
         if surface.area > 0:
-            return surface.with_report(_count_places(surface, report))
+            return surface.with_report(
+                report.adding(
+                    isolated_vertices=len(vertices) - len(surface.used_vertices),
+                    zero_area_faces=_count_slivers(surface),
+                )
+            )
         problem = "every face has zero area"
     if len(nonfinite):
         row = int(nonfinite[0])
@@ -42,16 +47,18 @@ def cleaned(vertices: Floats, faces: Ints, report: MeshReport) -> Surface:
 
 def drop_repeats(faces: Ints, vertex_count: int, report: MeshReport) -> tuple[Ints, MeshReport]:
     """Drop faces that repeat a vertex or an earlier face."""
+    twice, again = find_repeats(faces, vertex_count)
+    report = report.adding(degenerate_faces=int(twice.sum()), duplicate_faces=int(again.sum()))
+    dropped = twice | again
+    return faces[~dropped] if dropped.any() else faces, report
+
+
+def find_repeats(faces: Ints, vertex_count: int) -> tuple[Bools, Bools]:
+    """Tell which of `faces` (m, 3) repeat a vertex, and which others have the corners of an earlier one; each (m,)."""
     a, b, c = faces.T
-    repeats = (a == b) | (b == c) | (c == a)
-    degenerate = int(repeats.sum())
-    if degenerate:
-        faces = faces[~repeats]
-    first = equal_faces(faces, vertex_count) == np.arange(len(faces))
-    duplicate = len(faces) - int(first.sum())
-    if duplicate:
-        faces = faces[first]
-    return faces, report.adding(degenerate_faces=degenerate, duplicate_faces=duplicate)
+    twice: Bools = (a == b) | (b == c) | (c == a)
+    again: Bools = ~twice & (equal_faces(faces, vertex_count) != np.arange(len(faces)))
+    return twice, again
 
 
 def _drop_nonfinite(vertices: Floats, faces: Ints, report: MeshReport) -> tuple[Ints, Ints, MeshReport]:
@@ -64,17 +71,6 @@ def _drop_nonfinite(vertices: Floats, faces: Ints, report: MeshReport) -> tuple[
     culprits = np.unique(corners[bad[corners]])
     counted = report.adding(nonfinite_faces=len(touching), nonfinite_vertices=len(culprits))
     return np.delete(faces, touching, axis=0), culprits, counted
-
-
-def _count_places(surface: Surface, report: MeshReport) -> MeshReport:
-    used = surface.used_vertices
-    every = len(used) == len(surface.vertices)
-    points = surface.vertices if every else surface.vertices[used]
-    return report.adding(
-        isolated_vertices=len(surface.vertices) - len(used),
-        coincident_vertices=int((equal_points(points) != np.arange(len(points))).sum()),
-        zero_area_faces=_count_slivers(surface),
-    )
 
 
 def _count_slivers(surface: Surface) -> int:

@@ -11,6 +11,8 @@ from unbend.jsons import JsonObject
 
 Components = Literal["largest", "bridge", "error"]
 
+Seams = Literal["stitch", "keep"]
+
 FEWEST_VERTICES: Final = 4
 """A tetrahedron's: no closed surface has fewer."""
 
@@ -20,7 +22,7 @@ MOST_ROUNDS: Final = 100
 
 @dataclass(frozen=True)
 class MeshPolicy(JsonObject):
-    """How reading treats a mesh that is not one connected surface, is noisy, or has more vertices than wanted.
+    """How reading treats a mesh that is cut along seams, is not connected, is noisy, or has more vertices than wanted.
 
     Hashable, and the same after a round trip through JSON.
 
@@ -36,6 +38,9 @@ class MeshPolicy(JsonObject):
     smooth : int, default 0
         Rounds of smoothing (Taubin 1995), 0 to 100, that take noise off; indices stay. It comes before links and
         simplification, so that these see the shape and not the noise.
+    seams : {"stitch", "keep"}, default "stitch"
+        Join boundary edges whose ends coincide, as files have them where normals or texture coordinates jump; or leave
+        the surface cut there. The surface then has one vertex for the copies of one, and its `vertex_map` says which.
 
     Raises
     ------
@@ -48,11 +53,12 @@ class MeshPolicy(JsonObject):
     components: Components = "largest"
     max_vertices: int | None = None
     smooth: int = 0
+    seams: Seams = "stitch"
 
     def __post_init__(self) -> None:
-        if self.components not in get_args(Components):
-            choices = ", ".join(get_args(Components))
-            raise ParameterError(f"components must be one of {choices}, not {self.components!r}")
+        for name, allowed in (("components", Components), ("seams", Seams)):
+            if (value := getattr(self, name)) not in get_args(allowed):
+                raise ParameterError(f"{name} must be one of {', '.join(get_args(allowed))}, not {value!r}")
         if self.max_vertices is not None and not _is_whole(self.max_vertices, FEWEST_VERTICES):
             raise ParameterError(
                 f"max_vertices must be a whole number from {FEWEST_VERTICES}, or None, not {self.max_vertices!r}"

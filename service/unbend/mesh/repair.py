@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +15,12 @@ from unbend.mesh.components import largest_component
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.report import MeshReport, counted_noun
 from unbend.mesh.roughness import ROUGH, roughness
-from unbend.mesh.simplify import simplify
+from unbend.mesh.rows import equal_points
+from unbend.mesh.simplify import simplify, through
 from unbend.mesh.smooth import smoothed_vertices
+from unbend.mesh.stitch import stitched
 from unbend.mesh.surface import Surface, check_mesh
-from unbend.tolerances import DEGENERATE_HEIGHT
+from unbend.tolerances import AREA_KEPT, DEGENERATE_HEIGHT
 
 
 def repair(
@@ -32,10 +34,10 @@ def repair(
     """Return the surface that raw `vertices` (n, 3) and `faces` (m, 3) describe.
 
     Faces that use a coordinate that is not finite, repeat a vertex or repeat another face are dropped, and
-    `policy` says what happens to further components, to noise and to a mesh of many vertices. Vertices are never
-    dropped or renumbered, except where the policy asks for fewer: then the surface's `vertex_map` says where they
-    went. Nor are they moved, except by that and by smoothing. `notes` are sentences for the report: what the file's
-    reader skipped.
+    `policy` says what happens to seams, to further components, to noise and to a mesh of many vertices. Vertices stay
+    as they are, except where seams are joined or the policy asks for fewer: then the surface's `vertex_map` says where
+    they went. Nor are they moved, except by simplifying and by smoothing; of the copies that a seam joins, the first
+    gives the place. `notes` are sentences for the report: what the file's reader skipped.
 
     Raises
     ------
@@ -48,12 +50,30 @@ def repair(
     check_mesh(points, corners)
     report = MeshReport(file_type=file_type, vertices=len(points), faces=len(corners), notes=notes)
     surface = cleaned(points, corners.astype(np.int32, copy=False), report)
+    surface = _stitched(surface, policy)
     surface = _choose_component(surface, policy)
     surface = surface.with_report(surface.report.adding(**asdict(take_census(surface))).described())
     surface = _smoothed(surface, policy.smooth)
     if policy.max_vertices is None or len(surface.used_vertices) <= policy.max_vertices:
         return _bridged(surface) if policy.components == "bridge" else surface
     return _bridged(_simplified(surface, policy.max_vertices))  # collapses may part what hung together by a vertex
+
+
+def _stitched(surface: Surface, policy: MeshPolicy) -> Surface:
+    """Join seams where wanted, and count the vertices that are at the place of another after that."""
+    places = equal_points(surface.vertices).astype(np.int32)
+    result = stitched(surface, places) if policy.seams == "stitch" else surface
+    if result.vertex_map is not None:
+        first = np.empty(len(result.vertices), np.int64)
+        first[result.vertex_map[::-1]] = np.arange(len(places))[::-1]  # the lowest copy is written last
+        places = places[first]
+    taken = np.zeros(len(surface.vertices), bool)
+    taken[places[result.used_vertices]] = True
+    report = result.report.adding(coincident_vertices=len(result.used_vertices) - int(taken.sum()))
+    if report.seam_tolerance is not None:
+        gap = f"{report.seam_tolerance:.3g}"
+        report = report.adding(f"ends of edges were joined that lie up to {gap} apart: they differ in the last digits")
+    return result.with_report(report)
 
 
 def _choose_component(surface: Surface, policy: MeshPolicy) -> Surface:
@@ -64,7 +84,20 @@ def _choose_component(surface: Surface, policy: MeshPolicy) -> Surface:
     if policy.components == "error":
         raise MeshGeometryError(f"the mesh has {count} components, and the policy allows one")
     note = f"{count:,} components: kept the largest, with {share:.1%} of the area"
-    return Surface(surface.vertices, faces, report.adding(note))
+    report = report.adding(note, area_kept=share)
+    if share < AREA_KEPT:
+        report = report.warning(_loss(count, share, policy))
+    return replace(surface, faces=faces, report=report)
+
+
+def _loss(count: int, share: float, policy: MeshPolicy) -> str:
+    advice = 'the reading policy components="bridge" links all of them'
+    if policy.seams == "keep":
+        advice = f'seams="stitch" joins those that only a seam parts, and {advice}'
+    return (
+        f"only {share:.1%} of the area was kept, the largest of {count:,} components, so that the answer may be that "
+        f"of a part: {advice}"
+    )
 
 
 def _smoothed(surface: Surface, rounds: int) -> Surface:
@@ -74,7 +107,7 @@ def _smoothed(surface: Surface, rounds: int) -> Surface:
     if rounds == 0:
         note = "the surface is rough, as noise makes it: the policy `smooth` evens noise out"
         return surface.with_report(report.adding(note if rough > ROUGH else None))
-    smoothed = Surface(smoothed_vertices(surface, rounds), surface.faces)
+    smoothed = replace(surface, vertices=smoothed_vertices(surface, rounds))
     change, given = smoothed.area / surface.area - 1, counted_noun(rounds, "round", "rounds")
     if not smoothed.area > DEGENERATE_HEIGHT * surface.area:
         raise MeshGeometryError(f"after {given} of smoothing no area is left: the mesh has too few vertices for it")
@@ -95,7 +128,8 @@ def _simplified(surface: Surface, most: int) -> Surface:
     report = surface.report.adding(
         note, simplified_vertices=len(simple.vertices), deviation=simple.deviation, relative_deviation=relative
     )
-    result = Surface(simple.vertices, simple.faces, report, simple.vertex_map)
+    where = simple.vertex_map if surface.vertex_map is None else through(surface.vertex_map, simple.vertex_map)
+    result = Surface(simple.vertices, simple.faces, report, where)
     if not result.area > 0:
         raise MeshGeometryError(f"simplified to {most:,} vertices, every face has zero area")
     return result
@@ -112,4 +146,4 @@ def _bridged(surface: Surface) -> Surface:
         f"long; {bridges.area / surface.area:.2%} was added to the area"
     )
     report = surface.report.adding(note, links=count, longest_link=longest, link_area=bridges.area)
-    return Surface(surface.vertices, np.concatenate([surface.faces, bridges.faces]), report, surface.vertex_map)
+    return replace(surface, faces=np.concatenate([surface.faces, bridges.faces]), report=report)

@@ -11,7 +11,7 @@ class MeshReport:
     """Counts of what a mesh held, before repair, and in `notes` one sentence for each thing found or done.
 
     Faces are counted as they were given, and so is what makes a face useless. Edges, loops, fans and orientation
-    are those of the faces kept, before smoothing, links and simplification.
+    are those of the faces kept, with seams joined, before smoothing, links and simplification.
     """
 
     file_type: str = ""
@@ -33,7 +33,7 @@ class MeshReport:
     zero_area_faces: int = 0
     """Faces of three different vertices that lie on a line; kept, for they may connect others."""
     coincident_vertices: int = 0
-    """Used vertices at the very place of a used one with a lower index; not welded."""
+    """Used vertices at the very place of a used one with a lower index, after stitching; kept apart."""
     boundary_loops: int = 0
     """Rings of boundary edges, around holes or the whole surface."""
     nonmanifold_vertices: int = 0
@@ -58,14 +58,26 @@ class MeshReport:
     """Largest distance of a vertex of the mesh from the simplified surface, in units of the mesh."""
     relative_deviation: float | None = None
     """`deviation` over the square root of the mesh's area."""
+    seams: int = 0
+    """Pairs of boundary edges at one place that were joined."""
+    seam_tolerance: float | None = None
+    """How far apart the ends of joined edges may have been, in units of the mesh; None where they were equal."""
+    area_kept: float = 1.0
+    """Share of the area in the component that was kept; 1 where all are."""
+    warnings: tuple[str, ...] = ()
+    """Why the surface may not be what the file's owner means, and what to do, a sentence each."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON values."""
-        return asdict(self) | {"notes": list(self.notes)}
+        return asdict(self) | {"notes": list(self.notes), "warnings": list(self.warnings)}
 
     def adding(self, note: str | None = None, **counts: Any) -> MeshReport:
         """Return the report with further values and, where there is one, a note."""
         return replace(self, **counts, notes=(*self.notes, note) if note else self.notes)
+
+    def warning(self, sentence: str) -> MeshReport:
+        """Return the report with a further warning."""
+        return replace(self, warnings=(*self.warnings, sentence))
 
     def described(self) -> MeshReport:
         """Return the report with a note for each count that is not zero, before the notes it has."""
@@ -88,7 +100,8 @@ _SENTENCES: Final = (
     ("duplicate_faces", "duplicate face", "duplicate faces", ": dropped"),
     ("zero_area_faces", "face", "faces", " of zero area: kept"),
     ("isolated_vertices", "vertex", "vertices", " in no face: distances to there are infinite"),
-    ("coincident_vertices", "vertex", "vertices", " at the place of another: not welded"),
+    ("coincident_vertices", "vertex", "vertices", " at the place of another: not joined"),
+    ("seams", "pair", "pairs", " of boundary edges at one place: joined"),
     ("boundary_edges", "boundary edge", "boundary edges", ": the surface is open"),
     ("boundary_loops", "ring", "rings", " of boundary edges: holes or outer rims"),
     ("nonmanifold_edges", "edge", "edges", " with three faces or more"),

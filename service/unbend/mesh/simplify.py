@@ -72,7 +72,7 @@ def _collapse_to(most: int, vertices: Floats, faces: Ints) -> tuple[Floats, Ints
         before = len(vertices)
         target = min(len(faces) * most // before, len(faces) - 1)
         vertices, faces, step = _collapse(vertices, faces, target)
-        into = _through(into, step)
+        into = through(into, step)
     if not 0 < len(vertices) <= most:
         raise MeshGeometryError(
             f"the mesh cannot be simplified to {most:,} vertices: "
@@ -126,6 +126,6 @@ def _restored(vertices: Floats, points: Floats, into: Indices) -> Floats:
     return vertices
 
 
-def _through(first: Indices, second: Indices) -> Indices:
+def through(first: Indices, second: Indices) -> Indices:
     """Follow one map after another; what has no place in the first has none."""
     return np.where(first >= 0, second[first], -1)

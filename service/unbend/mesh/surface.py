@@ -35,8 +35,8 @@ class Surface:
     report : MeshReport
         What reading found and repaired; empty for a surface made in memory.
     vertex_map : (k,) int64, optional
-        For each of the k vertices of the mesh this surface was simplified from its vertex here, -1 where it has
-        none. None where vertices are those of the mesh as it was given.
+        For each of the k vertices of the mesh as it was given its vertex here, -1 where it has none: seams were
+        joined, or the mesh simplified. None where vertices are those of the mesh.
 
     Raises
     ------

@@ -112,6 +112,7 @@ def signature_as_dict(signature: Signature) -> dict[str, object]:
         "descriptors": {name: vector.tolist() for name, vector in signature.descriptors.items()},
         "parameters": signature.parameters.as_dict(),
         "version": signature.version,
+        "warnings": list(signature.warnings),
     }
 
 

@@ -127,6 +127,7 @@ def compute_signature(
         asymmetry=matrix.asymmetry,
         descriptors=_describe(surface, posed, faces, matrix.distances, weights / weights.sum()),
         parameters=chosen,
+        warnings=surface.report.warnings,
     )
 
 

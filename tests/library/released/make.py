@@ -17,7 +17,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from unbend import Library, Parameters, compute_signature, read_mesh
+from unbend import Library, Parameters, Signature, compute_signature, read_mesh
 from unbend.jobs import JobRunner, Upload
 from unbend.library import queue
 from unbend.library import shapes as rows
@@ -40,6 +40,13 @@ def upload(height: float) -> Upload:
 
         values["policy"] = MeshPolicy()
     return Upload(**values)
+
+
+def stored_as(signature: Signature) -> object:
+    """A signature as that version takes it to be stored."""
+    from unbend.library import payload
+
+    return payload.PackedSignature.of(signature) if hasattr(payload, "PackedSignature") else signature
 
 
 def about(name: str) -> dict[str, object]:
@@ -70,7 +77,7 @@ async def fill(library: Library) -> None:
     with library.store.write() as connection:
         job = queue.get_job(connection, stored)
         values = {
-            "sha256": job.mesh_sha256, "signature": compute_signature(surface, FEW), "area": surface.area,
+            "sha256": job.mesh_sha256, "signature": stored_as(compute_signature(surface, FEW)), "area": surface.area,
             "report": surface.report.as_dict(), **job.request,
         }  # fmt: skip
         if "policy" in {field.name for field in dataclasses.fields(rows.NewShape)}:

@@ -23,8 +23,8 @@ from unbend.geodesics.distances import Update
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library import shapes as rows
 from unbend.library.records import ShapeRecord
-from unbend.library.values import MAX_TEXT
 from unbend.mesh.policy import MeshPolicy
+from unbend.names import MAX_TEXT
 from unbend.signature.export import export_signature
 from unbend.signature.parameters import Parameters
 

@@ -1,0 +1,231 @@
+"""Joining the two sides of a seam, where a file has an edge twice and its vertices in copies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from unbend.arrays import Bools, Floats, Indices, Ints
+from unbend.jit import kernel
+from unbend.mesh.clean import find_repeats
+from unbend.mesh.components import join, root
+from unbend.mesh.pairing import Joins, Rims, corners_of, joins_between
+from unbend.mesh.surface import Surface
+from unbend.mesh.topology import find_edges
+from unbend.tolerances import SEAM_EDGES, SEAM_GAP
+
+_GENTLE_TURNS: Final = 16  # that take back as few joins as they can; what is spoilt then is taken apart
+
+
+@dataclass(frozen=True, eq=False)
+class _Seams:
+    """What is joined, and what vertex each one became by that: the lowest of those joined with it, (n,) int32."""
+
+    joins: Joins
+    into: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class _Spoilt:
+    """Half-edges, (k, 2) vertices, of edges that joins spoil, and which edge each is of, (k,), in rising order."""
+
+    ends: Ints
+    edge: Indices
+
+
+def stitched(surface: Surface, places: Ints) -> Surface:
+    """Join boundary edges of `surface` whose ends coincide, in pairs, and so the copies of their vertices.
+
+    `places` names for each vertex the first one with the same coordinates, (n,) int32. Joined are edges that run in
+    opposite directions: first those whose ends are equal bit for bit, then those whose ends differ in the last digits.
+    Then come edges of faces that run around in different directions. No join makes an edge of more than two faces,
+    except where no two faces of the mesh share an edge: such a file cannot say what hangs together. Vertices that
+    touch without a joined edge stay apart.
+
+    The result has the lowest copy of each vertex, in the same order; `vertex_map` says where the others went. It is
+    None where nothing was joined.
+    """
+    if surface.edges.boundary == 0:
+        return surface
+    soup = surface.edges.boundary == 3 * len(surface.faces)
+    whole, surface = surface, _without_loose_repeats(surface, places, soup)
+    nothing = _Seams(Joins.none(), np.arange(len(places), dtype=np.int32))
+    seams = _joining(nothing, surface, places, soup)
+    near = _near_places(surface, _left(surface, seams), places)
+    if near is not places:
+        if soup:  # of which further faces may repeat each other: begin again without them
+            surface, seams = _without_loose_repeats(surface, near, soup), nothing
+        seams = _joining(seams, surface, near, soup)
+    if not soup:
+        seams = _joining(seams, surface, near, soup, misoriented=True)
+    into = _adopted(seams.into, whole, surface, near)
+    gap = SEAM_GAP * surface.extent if (places[into] != places).any() else None
+    report = surface.report.adding(seams=len(seams.joins), seam_tolerance=gap)
+    return _compact(surface.with_report(report), into)
+
+
+def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surface:
+    """Drop faces that have a place twice and hang on nothing; of a soup also those at the places of another."""
+    loose = np.flatnonzero(_loose(surface))
+    twice, again = find_repeats(places[surface.faces[loose]], len(places))
+    dropped = twice | again if soup else twice
+    if not dropped.any():
+        return surface
+    report = surface.report
+    report = report.adding(
+        degenerate_faces=report.degenerate_faces + int(twice.sum()),
+        duplicate_faces=report.duplicate_faces + (int(again.sum()) if soup else 0),
+    )
+    return Surface(surface.vertices, np.delete(surface.faces, loose[dropped], axis=0), report)
+
+
+def _loose(surface: Surface) -> Bools:
+    """Tell which faces share no edge with another, (m,)."""
+    rims = np.zeros(3 * len(surface.faces), bool)
+    rims[Rims.of(surface).half_edge] = True
+    loose: Bools = np.logical_and.reduce(rims.reshape(-1, 3), axis=1)
+    return loose
+
+
+def _left(surface: Surface, seams: _Seams) -> Rims:
+    """Return the boundary half-edges that are not joined."""
+    return Rims.of(surface).without(seams.joins)
+
+
+def _joining(seams: _Seams, surface: Surface, places: Ints, soup: bool, *, misoriented: bool = False) -> _Seams:
+    """Return `seams` with what else `places` allow to be joined."""
+    new = joins_between(surface, _left(surface, seams), places, soup=soup, misoriented=misoriented)
+    gentle_turns = _GENTLE_TURNS
+    while len(new):
+        joins, into = seams.joins.and_(new), np.arange(len(places), dtype=np.int32)
+        _unite(joins.ends, into)
+        spoilt = None if soup else _spoilt_edges(surface.faces, into)
+        if spoilt is None or len(spoilt.ends) == 0:
+            return _Seams(joins, into)
+        new = new.where(~_concerned(new, spoilt, into, gently=gentle_turns > 0))
+        gentle_turns -= 1
+    return seams
+
+
+def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools:
+    """Tell which `joins` to take back, (k,): of each spoilt edge the end that has fewest, or all at all its ends.
+
+    Where no end has any, those at the other copies of its ends.
+    """
+    ends, marked = joins.ends.reshape(-1, 4), np.zeros(len(into), bool)
+    if gently:
+        has = np.bincount(ends.ravel(), minlength=len(into))
+        candidates, edge = spoilt.ends.ravel(), np.repeat(spoilt.edge, 2)
+        candidates, edge = candidates[has[candidates] > 0], edge[has[candidates] > 0]
+        order = np.lexsort((candidates, has[candidates], edge))
+        first = np.diff(edge[order], prepend=-1) > 0
+        marked[candidates[order[first]]] = True
+    else:
+        marked[spoilt.ends] = True
+    touching: Bools = np.logical_or.reduce(marked[ends], axis=1)
+    if not touching.any():
+        marked[into[spoilt.ends]] = True
+        touching = np.logical_or.reduce(marked[into[ends]], axis=1)
+    return touching
+
+
+def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
+    """Return edges that `into` lets vanish, or makes one edge of more than two faces."""
+    merged = into[faces]
+    edges = find_edges(merged, len(into))
+    suspect = edges.order[np.repeat(edges.counts > 2, edges.counts)]
+    if len(short := np.flatnonzero(np.roll(merged, -1, axis=1) == np.roll(merged, -2, axis=1))):
+        suspect = np.union1d(suspect, short.astype(np.int32))
+    ends = np.stack(corners_of(faces.ravel(), suspect)[:2], axis=1)
+    keys, old = _edge_keys(into[ends], len(into)), _edge_keys(ends, len(into))
+    order = np.argsort(keys)
+    ends, keys, old = ends[order], keys[order], old[order]
+    starts = np.flatnonzero(np.diff(keys, prepend=-1))
+    counts = np.diff(starts, append=len(keys))
+    several = np.minimum.reduceat(old, starts) != np.maximum.reduceat(old, starts) if len(starts) else starts > 0
+    vanished = into[ends[:, 0]] == into[ends[:, 1]]
+    chosen = np.repeat(several & (counts > 2), counts) | vanished
+    return _Spoilt(ends[chosen], np.repeat(np.arange(len(starts)), counts)[chosen])
+
+
+def _edge_keys(ends: Ints, count: int) -> Indices:
+    keys: Indices = ends.min(axis=1).astype(np.int64) * count + ends.max(axis=1)
+    return keys
+
+
+def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
+    """Return `places` with those of the rims that lie within the tolerance of each other made one."""
+    tolerance = SEAM_GAP * surface.extent
+    on_rims = np.zeros(len(places), bool)
+    on_rims[places[rims.tail]] = on_rims[places[rims.head]] = True
+    ends = np.flatnonzero(on_rims)
+    ends = ends[_shortest_edges(surface, ends, places) >= SEAM_EDGES * tolerance]
+    if len(ends) < 2:
+        return places
+    points = (surface.vertices[ends] - surface.vertices[ends].min(axis=0)) / tolerance
+    # All points of a cell are near each other. Its first one stands for it, so that crowds make no crowd of pairs.
+    cells = np.floor(points * 3**0.5).astype(np.int64) @ (1 << np.array([0, 21, 42]))
+    _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
+    pairs = first[cKDTree(points[first]).query_pairs(1.0, output_type="ndarray")]
+    if len(first) == len(ends) and len(pairs) == 0:
+        return places
+    into = np.arange(len(places), dtype=np.int32)
+    within = np.stack([np.arange(len(ends)), first[cell]], axis=1)
+    _unite(ends[np.concatenate([within, pairs])][:, None], into)
+    # Crowds may make chains: what is farther from the first of them than half the tolerance stays for itself.
+    apart = (surface.vertices[ends] - surface.vertices[into[ends]]) / tolerance
+    alone = ends[(apart**2).sum(axis=1) > 0.25]
+    into[alone] = alone
+    near: Ints = into[places]
+    return near
+
+
+def _shortest_edges(surface: Surface, ends: Indices, places: Ints) -> Floats:
+    """Return for each of the places `ends` the length of its shortest edge to another place, (k,)."""
+    wanted = np.zeros(len(places), bool)
+    wanted[ends] = True
+    corners = places[surface.faces]
+    corners = corners[wanted[corners].any(axis=1)]
+    following = np.roll(corners, -1, axis=1)
+    steps = (surface.vertices[following] - surface.vertices[corners]) / surface.scale
+    lengths = np.sqrt((steps**2).sum(axis=2)) * surface.scale
+    lengths[corners == following] = np.inf
+    shortest = np.full(len(places), np.inf)
+    np.minimum.at(shortest, corners, lengths)
+    np.minimum.at(shortest, following, lengths)
+    chosen: Floats = shortest[ends]
+    return chosen
+
+
+def _adopted(into: Ints, whole: Surface, surface: Surface, places: Ints) -> Ints:
+    """Return `into` with the corners of dropped faces sent to a vertex at their place, where there is one."""
+    lost = np.setdiff1d(whole.used_vertices, surface.used_vertices, assume_unique=True)
+    if len(lost) == 0:
+        return into
+    at_place = np.full(len(places), -1, np.int32)
+    used = surface.used_vertices[::-1]  # of several the lowest is written last
+    at_place[places[used]] = used
+    heirs, into = at_place[places[lost]], into.copy()
+    _unite(np.stack([lost, heirs], axis=1).astype(np.int32)[heirs >= 0][:, None], into)
+    return into
+
+
+def _compact(surface: Surface, into: Ints) -> Surface:
+    kept = into == np.arange(len(into))
+    if kept.all():
+        return surface
+    vertex_map = (np.cumsum(kept) - 1)[into]
+    return Surface(surface.vertices[kept], vertex_map[surface.faces], surface.report, vertex_map)
+
+
+@kernel
+def _unite(ends: Ints, into: Ints) -> None:
+    """Join the pairs of vertices `ends` (k, e, 2), and let `into` (n,) name the lowest of each set."""
+    for i in range(len(ends)):
+        for end in range(ends.shape[1]):
+            join(into, ends[i, end, 0], ends[i, end, 1])
+    for vertex in range(len(into)):
+        into[vertex] = root(into, vertex)

@@ -94,6 +94,13 @@ RAY_MARGIN: Final = 1e-6
 MARCHING_DECREASE: Final = 1e-6
 """A distance is lowered again only by more than this share of it: single precision keeps 6e-8."""
 
+DOUBTFUL_ASYMMETRY: Final = 0.05
+"""Share of the largest distance by which both directions of one differ where distances are doubtful.
+
+Of real meshes the most was 0.03, on 252 vertices. Of 500 defective ones, those without a warning erred by at most 4 %
+of the largest distance, those with one by up to 21 %.
+"""
+
 SAMPLING_TIE: Final = 1e-3
 """Vertices this near to the farthest, as a share of its distance, count as equally far: the first is sampled.
 

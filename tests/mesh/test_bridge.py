@@ -99,7 +99,7 @@ def test_components_that_touch_are_linked_at_no_length_and_no_area():
     assert surface.report.coincident_vertices == 4
     distances = geodesic_distances(surface, int(links_of(surface)[0, 0]))[0]
     assert np.isfinite(distances).all()
-    assert distances[links_of(surface)[0, 1]] == 0.0
+    assert distances[links_of(surface)[0, 1]] < 1e-9 * surface.extent  # an edge without a length gets a tiny one
 
 
 def test_what_links_add_to_the_area_is_reported_and_the_least_that_is_possible():

@@ -23,6 +23,7 @@ from unbend.mesh.surface import Surface
 from unbend.signature.connectivity import signature_faces
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import Signature
+from unbend.tolerances import DOUBTFUL_ASYMMETRY
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name, a `Stage`, and the share of the whole that is done, 0 to 1."""
@@ -127,8 +128,17 @@ def compute_signature(
         asymmetry=matrix.asymmetry,
         descriptors=_describe(surface, posed, faces, matrix.distances, weights / weights.sum()),
         parameters=chosen,
-        warnings=surface.report.warnings,
+        warnings=(*surface.report.warnings, *_doubts(matrix.asymmetry)),
     )
+
+
+def _doubts(asymmetry: float) -> tuple[str, ...]:
+    """Return a warning where distances contradict each other: right ones are the same in both directions."""
+    sentence = (
+        f"distances may be wrong: measured from both ends, some differ by {asymmetry:.0%} of the largest; needles and "
+        "vertices where separate parts touch do that: remesh the surface, or simplify it with `max_vertices`"
+    )
+    return (sentence,) if asymmetry > DOUBTFUL_ASYMMETRY else ()
 
 
 def _cell_areas(vertex_areas: Floats, nearest: Ints, count: int) -> Floats:

@@ -34,6 +34,18 @@ def sizes(level: int) -> dict[str, int]:
     return {"columns": 12 * 2**level, "rows": 6 * 2**level}
 
 
+def test_distances_that_contradict_each_other_are_told_with_a_figure(labelled):
+    ball = sphere(subdivisions=2)
+    south = int(ball.vertices[:, 2].argmin())
+    pinched = Surface(ball.vertices, np.where(ball.faces == south, 0, ball.faces))  # its poles are one vertex
+    signature = compute_signature(pinched)
+    assert signature.asymmetry > 0.05
+    assert any(f"differ by {signature.asymmetry:.0%} of the largest" in warning for warning in signature.warnings)
+    for dataset in ("shrec11_simplified", "tosca5k"):
+        for path, _ in labelled(dataset)[::40]:
+            assert compute_signature(read_mesh(path), Parameters(samples=100)).warnings == ()
+
+
 @pytest.mark.parametrize("bending", BENDINGS)
 def test_exact_isometries_agree_and_agreement_improves_with_refinement(bending):
     differences = []

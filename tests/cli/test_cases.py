@@ -1,0 +1,23 @@
+"""The files of `mesh_cases` on the command line: the area they should have, or the same sentence."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from commands import called, failed_with_a_sentence, succeeded
+from mesh_cases import AREAS, CASES, REFUSED, surface_area_of
+
+
+@pytest.mark.parametrize("name", AREAS)
+def test_a_case_has_the_area_it_should_have(tmp_path, name):
+    target = tmp_path / "signature.json"
+    succeeded("signature", CASES / name, "-o", target, "--samples", 4, run=called)
+    scale = json.loads(target.read_text())["scale"]  # by default the square root of the area
+    assert scale**2 == pytest.approx(surface_area_of(name), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_case_that_is_not_read_says_why(tmp_path, name):
+    failed_with_a_sentence(called("signature", CASES / name, "-o", tmp_path / "signature.json"), REFUSED[name])

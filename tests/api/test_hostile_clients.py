@@ -475,6 +475,8 @@ def test_an_upload_that_is_broken_off_leaves_nothing(server, api):
 def test_who_goes_while_waiting_is_forgotten(server, api):
     job = post_mesh(api, slow_mesh(), parameters=json.dumps({"samples": 4000})).json()
     waiting = [f"/v1/jobs/{job['id']}/events", f"/v1/jobs/{job['id']}?wait=3"] * 10
+    # A worker that starts, and the first read of the store, open handles that stay.
+    until(lambda: api.get(f"/v1/jobs/{job['id']}").json()["state"] == "running", seconds=60)
     opened = handles(server)
     try:
         with contextlib.ExitStack() as stack:

@@ -75,8 +75,11 @@ START_RADIUS: Final = 2.75
 SPREAD_EVENTS: Final = 64
 """The same where many fronts share a surface, each with a small part of it."""
 
-SADDLE: Final = 1e-6
-"""By how many radians the angle around a vertex exceeds a full turn where shortest paths may bend at it."""
+SADDLE: Final = 1e-10
+"""By how many radians the angle around a vertex exceeds a full turn where shortest paths may bend at it.
+
+Flat meshes have less by rounding. What lies in the shadow of a lesser one is met by the rays that graze the vertex.
+"""
 
 PLANAR_START: Final = 0.1
 """Radius, in edges by the root of the number of triangles, of the disc in which planar marching updates spherically.

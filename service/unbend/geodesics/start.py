@@ -50,12 +50,13 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
     has not come as far as the radius `wanted` by then; nothing beyond `horizon` is looked at.
     """
     seeds, events, _, keys, items, counters = start
+    around = mesh[5]
     counters[:] = 0
     value[source] = 0.0
     seeds[0] = source
     counters[_SEEDS] = 1
     _open_fan(mesh, source, 0.0, value, start)
-    done = 0
+    done, sure = 0, np.inf if around[source] >= 0.0 else 0.0
     while counters[_WAITING] > 0 and keys[0] <= horizon and counters[_EVENTS] + _NEW <= len(keys):
         if done >= 3 * enough or (done >= enough and keys[0] > wanted):
             break
@@ -65,11 +66,13 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
             done += 1
             _cross(mesh, event, value, start)
         elif np.float32(key) <= value[events[event, 1]]:  # not reached on a shorter way since
+            if around[events[event, 1]] < 0.0:  # windows over edges without a length are rounding
+                sure = min(sure, key)
             done += _leave(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
     if counters[_EVENTS] + _NEW > len(keys):  # some were not kept
         radius = 0.0
-    return counters[_SEEDS], _NEARLY * radius
+    return counters[_SEEDS], _NEARLY * min(radius, sure)
 
 
 @inlined

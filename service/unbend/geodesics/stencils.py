@@ -44,10 +44,10 @@ LINE_BYTES: Final = 64  # of a cache line
 _MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are offered to
 
 
-Triangles = tuple[Ints, Ints, Floats, Ints, Ints, NDArray[np.float32]]
+Triangles = tuple[Ints, Ints, Floats, Ints, Ints, Floats]
 """What `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and corners
-(3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,), inf where those are no single
-closed fan."""
+(3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where those are no single
+closed fan, -1 where it is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: fl
             filled,
         )  # fmt: skip
     starts, around = _placed_corners(starts, around, order)
-    angles = _angles_around(mesh.arrays, starts, around)
+    angles = _angles_around(mesh.arrays, starts, around, place[mesh.faces].ravel())
     triangles = place[mesh.faces], mesh.twins, mesh.lengths, starts, around, angles
     return Stencils(first, corners, shapes, place[: len(surface.vertices)].copy(), unit, triangles, surface.vertices)
 
@@ -185,10 +185,14 @@ def _placed_corners(starts, around, order):
 
 
 @kernel
-def _angles_around(mesh, starts, around):
-    """Return the angle around each vertex, inf where its corners are no single closed fan of free edges."""
+def _angles_around(mesh, starts, around, rank_of):
+    """Return the angle around each vertex.
+
+    It is inf where its corners are no single closed fan of free edges, and -1 where a side is too short, beside another
+    of its triangle, to tell angles by.
+    """
     _, twins, lengths, free = mesh
-    angles = np.zeros(len(starts) - 1, np.float32)
+    angles = np.zeros(len(starts) - 1)
     for vertex in range(len(angles)):
         size = starts[vertex + 1] - starts[vertex]
         total = 0.0
@@ -205,6 +209,11 @@ def _angles_around(mesh, starts, around):
                 total = np.inf
                 break
         angles[vertex] = total
+    for side in range(0, len(lengths), 3):
+        a, b, c = lengths[side], lengths[side + 1], lengths[side + 2]
+        if min(a, b, c) <= DEGENERATE_BASE * max(a, b, c):
+            for corner in range(side, side + 3):
+                angles[rank_of[corner]] = -1.0
     return angles
 
 
@@ -317,11 +326,10 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
         count = 0
         for index in range(starts[c], min(starts[c + 1], starts[c] + _MOST_TRIED)):
             a, b, p, ax, bx, by, px, py = _slot_of(mesh, around[index])
-            if p < 0:
-                continue
-            known = _find(corners, first[rank], slot, place[a], place[b], place[p])
-            if known < 2:
-                ends[count, 0], ends[count, 1], ends[count, 2] = place[a], place[b], place[p]
+            behind = place[p] if p >= 0 else len(order)
+            known = _find(corners, first[rank], slot, place[a], place[b], behind)
+            if known == 0 or (known == 1 and p >= 0):
+                ends[count, 0], ends[count, 1], ends[count, 2] = place[a], place[b], behind
                 places[count, 0], places[count, 1], places[count, 2] = ax, bx, by
                 places[count, 3], places[count, 4] = px, py
                 merit[count] = px * px + py * py if known == 1 else np.inf

@@ -110,3 +110,19 @@ def test_a_surface_as_small_as_the_rounding_of_its_place_has_the_distances_of_it
     for update in UPDATES:
         distances = geodesic_distances(surface, sources, update=update)
         assert (distances <= edge_path_distances(surface, sources) * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize(
+    ("base", "steps"),
+    [
+        ("cylinder", [("coincide", 1111956378)]),
+        ("cylinder", [("merge_far", 3597357942), ("fin", 2989710819), ("noise", 562628387)]),
+        ("tube", [("collinear_faces", 1185298865), ("flatten_face", 3614722021), ("cut_through", 1036229410)]),
+        ("grid", [("squash", 3256906753), ("squash", 2590611054)]),
+        ("cylinder", [("squash", 1142058868)]),
+    ],
+)
+def test_what_the_exact_start_once_vouched_for_wrongly(base, steps):
+    outcome = examine(spoil(base, steps), np.random.default_rng(0), sources=20)
+    for update in UPDATES:
+        assert np.abs(outcome.relative[update]).mean() < 0.01

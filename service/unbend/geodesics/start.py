@@ -156,10 +156,13 @@ def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x,
 
 @inlined
 def _reach(vertex, distance, corner, turn, value, start):
-    """Lower the distance of a vertex, reached in `corner`, `turn` away from the side to that one's next corner."""
+    """Lower the distance of a vertex, reached in `corner`, `turn` away from the side to that one's next corner.
+
+    Paths of one length may come around a vertex on both sides, and each has a shadow of its own behind the next.
+    """
     seeds, events, shapes, keys, items, counters = start
     lower = np.float32(distance)
-    if not lower < value[vertex]:
+    if lower > value[vertex]:
         return
     if value[vertex] == np.inf:
         seeds[counters[_SEEDS]] = vertex
@@ -242,7 +245,8 @@ def _open_fan(mesh, vertex, distance, value, start):
         to_a, to_b, across = lengths[at_b], lengths[at_a], lengths[side]
         turn = _turn_back(mesh, at_a, to_a, across, to_b)
         _reach(faces[face, at_a % 3], distance + to_a, at_a, turn, value, start)
-        _reach(faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
+        if distance + to_b < value[faces[face, at_b % 3]]:  # else another triangle has it as its A
+            _reach(faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]
         face, i = side // 3, side % 3

@@ -37,8 +37,8 @@ def read_mesh(
     file_type : str, optional
         "off", "obj", "ply", "stl" or "glb": used where the content does not tell. A path's own by default.
     policy : MeshPolicy, optional
-        What to do with several components, noise, and more vertices than wanted; keeps the largest component and
-        all vertices, where they are, by default.
+        What to do with seams, several components, noise, and more vertices than wanted. By default seams are joined,
+        and the largest component is kept.
     limits : MeshLimits, optional
         Most vertices and triangles that the file may hold, whatever the policy makes of them; any number by default.
     progress : callable, optional
@@ -47,9 +47,9 @@ def read_mesh(
     Returns
     -------
     Surface
-        Vertices in the order of the file, none welded; in an stl file each facet has three of its own. Where the
-        policy has the mesh simplified, `vertex_map` says where its vertices went. `report` says what was found and
-        done, and what of the file was skipped.
+        Vertices are in the order of the file; in an stl file each facet has three of its own. Where copies of a vertex
+        were joined at a seam, or the policy has the mesh simplified, `vertex_map` says where each vertex of the file
+        went. `report` says what was found, done and skipped, and `report.warnings` what may make an answer wrong.
 
     Raises
     ------

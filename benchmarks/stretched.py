@@ -1,4 +1,4 @@
-"""What the intrinsic triangulation is worth: errors, time and memory with it and without it.
+"""Errors, time and memory with the intrinsic triangulation and without it.
 
 On good meshes and on stretched ones, beside the heat method of geometry-central, which runs on an intrinsic Delaunay
 triangulation, too. Errors are against exact distances. Writes "stretched" of docs/benchmarks.md; --print only prints.
@@ -36,7 +36,7 @@ GIVEN, INTRINSIC, HEAT = "given triangles", "intrinsic triangulation", "potpourr
 
 @dataclass(frozen=True)
 class Measured:
-    """Of one mesh: mean and largest relative error by method, and what the intrinsic triangulation costs."""
+    """The figures of one mesh: mean and largest relative error by method, and costs of the intrinsic triangulation."""
 
     errors: dict[str, tuple[float, float]]
     steiner: float

@@ -34,7 +34,7 @@ LONGEST_EDGE: Final = 1e9
 """Longest edge, in median ones, of a surface whose squared distances single precision can hold."""
 
 MOLLIFIED: Final = 1e-11
-"""By how much, in median edges, two sides of a triangle exceed the third before flips (Sharp & Crane 2020)."""
+"""Least excess, in median edges, of two sides of a triangle over the third before flips (Sharp & Crane 2020)."""
 
 DELAUNAY: Final = 1e-9
 """An edge is flipped where the cotangents opposite it sum to less than minus this: squares are left as they are."""
@@ -76,7 +76,7 @@ SPREAD_EVENTS: Final = 64
 """The same where many fronts share a surface, each with a small part of it."""
 
 SADDLE: Final = 1e-10
-"""By how many radians the angle around a vertex exceeds a full turn where shortest paths may bend at it.
+"""Shortest paths may bend at a vertex around which the angle exceeds a full turn by more than this, in radians.
 
 Flat meshes have less by rounding. What lies in the shadow of a lesser one is met by the rays that graze the vertex.
 """
@@ -153,7 +153,7 @@ Only needles of twenty orders of magnitude come near it; without it the diffusio
 """
 
 FLAT_CORNER: Final = 1e-6
-"""By how much of a polygon's area the triangles that cut it may overlap.
+"""Share of a polygon's area by which the triangles that cut it may overlap.
 
 Corners on a line are off it by about as much when they were rounded to single precision.
 """

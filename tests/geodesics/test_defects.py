@@ -14,7 +14,7 @@ from unbend.errors import MeshGeometryError
 from unbend.mesh.shapes import sphere, torus
 
 MEAN = 0.05
-"""What a mean relative error may be on some 50 vertices; of 3000 meshes the worst had 0.022."""
+"""Bound of a mean relative error on some 50 vertices; the worst of 20,000 meshes had 0.045."""
 
 
 @pytest.mark.parametrize("surface", [sphere(subdivisions=1), torus(columns=9, rows=6), grid(6, 5, 0.4)])

@@ -18,7 +18,7 @@ from unbend.jit import inlined, kernel
 from unbend.mesh.surface import Surface
 
 Mesh = tuple[Ints, Ints, Floats, NDArray[np.uint8]]
-"""What kernels read and write: faces, twins, lengths, free."""
+"""Arrays that kernels read and write: faces, twins, lengths, free."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,9 +45,9 @@ _MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are 
 
 
 Triangles = tuple[Ints, Ints, Floats, Ints, Ints, Floats]
-"""What `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and corners
-(3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where those are no single
-closed fan, -1 where it is not known."""
+"""Arrays that `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and
+corners (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where those are no
+single closed fan, -1 where it is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Stencils:
 
     @property
     def arrays(self) -> tuple[tuple[Ints, Ints, NDArray[np.float32]], Triangles]:
-        """What kernels read: first, corners and shapes for `march`, the triangles for `start_front`."""
+        """Arrays that kernels read: first, corners and shapes for `march`, the triangles for `start_front`."""
         return (self.first, self.corners, self.shapes), self.triangles
 
 

@@ -35,7 +35,7 @@ class Ranking:
     known: bool | None
     """Whether the best class is near enough; None where the library cannot tell."""
     warnings: Sequence[str] = ()
-    """Of the query's signature: why the answer may be wrong, and what to do."""
+    """Sentences that say why the answer may be wrong, and what to do."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the ranking as plain JSON values, as the HTTP contract has it."""

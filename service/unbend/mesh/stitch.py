@@ -22,7 +22,7 @@ _GENTLE_TURNS: Final = 16  # that take back as few joins as they can; what is sp
 
 @dataclass(frozen=True, eq=False)
 class _Seams:
-    """What is joined, and what vertex each one became by that: the lowest of those joined with it, (n,) int32."""
+    """The joins, and for each vertex the lowest of those joined with it, (n,) int32."""
 
     joins: Joins
     into: Ints

@@ -7,7 +7,7 @@ import numpy as np
 from unbend.jit import kernel
 
 SCALAR, UNSIGNED, SIGNED, SINGLE, DOUBLE = 0, 1, 2, 3, 4
-"""What a field is: one value, or a list with such a number before it."""
+"""The kind of a field: one value, or a list with such a number before it."""
 
 ENDED, STRANGE = -1, -2
 """For the position behind the last row: the bytes ended early, or a list has no length that could be."""

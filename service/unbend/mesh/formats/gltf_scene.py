@@ -23,7 +23,7 @@ class Place:
     skinned: bool = False
     """Its joints place it, and not its node."""
     extensions: tuple[str, ...] = ()
-    """Of the node."""
+    """The index of the node."""
 
 
 def places(layout: dict[str, Any]) -> Iterator[Place]:

@@ -37,7 +37,7 @@ _COUNTS: Final = re.compile(rb"%b*(\d{1,18})%b+(\d{1,18})\b" % (_BLANK, _BLANK))
 
 @dataclass(frozen=True)
 class _Key:
-    """What the keyword says of a vertex."""
+    """The numbers that the keyword gives each vertex."""
 
     word: bytes
 

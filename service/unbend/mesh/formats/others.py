@@ -1,4 +1,4 @@
-"""What files are that are not read: named, so that whoever sent one knows what to do."""
+"""Formats that are not read. A refusal names them, so that the sender knows what to do."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PACKED: Final = {
 """How packed files begin; whatever they are called, nothing is unpacked."""
 
 _INSIDE: Final = {b"3dmodel.model": "3MF", b".usdc": "USDZ", b".usda": "USDZ"}
-"""What packed files of some formats have in them."""
+"""Names inside packed files that tell their format."""
 
 _WIDE: Final = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")
 _KNOWN: Final = (

@@ -1,4 +1,4 @@
-"""What a reader makes of a file, and what a format is."""
+"""The values that readers return, and the description of a format."""
 
 from __future__ import annotations
 

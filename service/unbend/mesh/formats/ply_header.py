@@ -35,7 +35,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """What a header says, and where it ends."""
+    """The elements that a header announces, and where it ends."""
 
     text: bool
     elements: tuple[Element, ...]

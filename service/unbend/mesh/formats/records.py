@@ -21,9 +21,9 @@ class Field:
 
     name: str
     kind: str
-    """Of a value, as NumPy writes it, with its order of bytes."""
+    """The NumPy type of a value, with its order of bytes."""
     counter: str = ""
-    """Of the number before the values of a list; empty for a single value."""
+    """The type of the number before the values of a list; empty for a single value."""
 
     @property
     def width(self) -> int:
@@ -38,7 +38,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Rows:
-    """What some rows hold, and where they lie."""
+    """Some rows: their values, and where they lie."""
 
     columns: dict[str, Column]
     begins: Indices

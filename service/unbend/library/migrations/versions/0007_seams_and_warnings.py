@@ -24,7 +24,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    # What was stitched has no policy to go back to, and must not pass for another: its own stays.
+    # A stitched surface has no policy to go back to, and must not pass for another: it keeps its own.
     for table in (SIGNATURES, JOBS):
         op.execute(table.update().values(policy=sa.func.replace(table.c.policy, KEPT, BEFORE)))
         op.drop_column(table.name, "warnings")

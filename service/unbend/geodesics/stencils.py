@@ -46,8 +46,8 @@ _MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are 
 
 Triangles = tuple[Ints, Ints, Floats, Ints, Ints, Floats]
 """Arrays that `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and
-corners (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where those are no
-single closed fan, -1 where it is not known."""
+corners (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where they are
+no single closed fan, -1 where it is not known."""
 
 
 @dataclass(frozen=True, eq=False)

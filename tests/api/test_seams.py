@@ -25,7 +25,7 @@ def http(server):
 def halves() -> bytes:
     """Two balls of one size, not connected."""
     ball = sphere(1)
-    vertices = np.concatenate([ball.vertices, ball.vertices + 3])
+    vertices = np.concatenate([ball.vertices, ball.vertices + 3.25])
     return write_mesh(vertices, np.concatenate([ball.faces, ball.faces + len(ball.vertices)]), "ply")
 
 

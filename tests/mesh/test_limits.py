@@ -124,6 +124,8 @@ LIES = {
 
 @pytest.mark.parametrize("lie", LIES)
 def test_a_header_that_lies_costs_nothing(lie):
+    with pytest.raises(MeshError):  # kernels that are compiled here would be counted
+        read_mesh(LIES[lie], file_type=lie.split(",")[0])
     tracemalloc.start()
     begun = time.process_time()
     try:

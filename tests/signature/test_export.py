@@ -47,7 +47,9 @@ def test_further_coordinates_come_back_from_the_colours(file_type, dimensions):
     middle = (further.max(axis=0) + further.min(axis=0)) / 2
     widest = np.ptp(further, axis=0).max()
     shown = further.shape[1]
-    np.testing.assert_allclose(middle + widest * (colours[:, :shown] - 0.5), further, atol=widest * 0.51 / 255)
+    np.testing.assert_allclose(
+        middle + widest * (colours[:, :shown] - 0.5), further, atol=widest * 0.52 / 255
+    )  # obj has four digits
     np.testing.assert_allclose(colours[:, shown:], 0.5, atol=0.51 / 255)
 
 

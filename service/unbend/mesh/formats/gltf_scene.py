@@ -23,7 +23,7 @@ class Place:
     skinned: bool = False
     """Its joints place it, and not its node."""
     extensions: tuple[str, ...] = ()
-    """The index of the node."""
+    """Names of the extensions of the node."""
 
 
 def places(layout: dict[str, Any]) -> Iterator[Place]:

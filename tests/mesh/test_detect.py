@@ -71,6 +71,7 @@ def test_text_is_told_by_its_first_words(data, kind):
         (b"PXR-USDC\0", "USD"),
         (b"#usda 1.0\n", "USD"),
         (b"$MeshFormat\n4.1 0 8\n", "Gmsh"),
+        (b"CQUAD\n0 0 0 1 0 0 1 1 0 0 1 0\n", "Geomview"),
         (b"<!DOCTYPE html><html>v 1 2 3", "web page"),
         (b"version https://git-lfs.github.com/spec/v1\n", "Git LFS"),
         (b'{"scene": 0, "asset": {"version": "2.0"}}', "glTF as text"),
@@ -98,6 +99,19 @@ def test_other_files_are_named_and_so_is_what_is_read(data, name, hint):
 def test_words_that_only_begin_alike_are_no_formats(data):
     with pytest.raises(MeshFormatError, match="no format we know"):
         detect_format(data)
+
+
+@pytest.mark.parametrize("hint", [None, "", "glb", "obj", "off", "ply", "stl", "txt"])
+@pytest.mark.parametrize("data", [b"", b" \r\n\t\n"])
+def test_an_empty_file_is_called_empty_whatever_its_name_is(data, hint):
+    with pytest.raises(MeshFormatError, match="the file is empty"):
+        detect_format(data, hint)
+
+
+@pytest.mark.parametrize("hint", ["glb", "ply"])
+def test_a_name_is_no_evidence_for_a_format_that_begins_with_its_own(hint):
+    with pytest.raises(MeshFormatError, match=f"does not begin as a {hint} file does"):
+        detect_format(bytes(range(1, 256)), hint)
 
 
 def test_a_length_that_fits_is_not_enough_where_bytes_are_left_over():

@@ -10,6 +10,7 @@ from unbend.mesh.formats.others import other_format
 from unbend.mesh.formats.registry import REGISTRY
 
 _FIRST: Final = 2**20  # bytes that are looked at to see whether there are any but blanks
+_PLAIN: Final = ("off", "obj", "stl")  # need not begin with their name, as ply and glb files must
 
 
 def detect_format(data: bytes, hint: str | None = None) -> str:
@@ -33,7 +34,15 @@ def detect_format(data: bytes, hint: str | None = None) -> str:
     other = other_format(data) if found in (None, "obj") else None
     if found and not other:
         return found
-    if hint in FORMATS and not other:
+    empty = not data[:_FIRST].strip()
+    if hint in _PLAIN and not other and not empty:
         return hint
-    what = "empty" if not data[:_FIRST].strip() else f"a .{hint} file" if hint else "of no format we know"
-    raise MeshFormatError(f"{other or 'the file is ' + what}; formats read are {', '.join(FORMATS)}")
+    raise MeshFormatError(f"{other or _said_of(hint, empty)}; formats read are {', '.join(FORMATS)}")
+
+
+def _said_of(hint: str | None, empty: bool) -> str:
+    if empty:
+        return "the file is empty"
+    if hint in FORMATS:
+        return f"the file is called {hint}, and does not begin as a {hint} file does"
+    return f"the file is a .{hint} file" if hint else "the file is of no format we know"

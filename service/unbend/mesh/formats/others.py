@@ -33,6 +33,7 @@ _KNOWN: Final = (
     (rb"PXR-USDC|#usda\b", "a USD file"),
     (rb"//Maya ASCII", "a Maya file"),
     (rb"\$MeshFormat", "a Gmsh file"),
+    (rb"(?-i:[CNZ4U]{0,4}(?:QUAD|MESH|VECT|SKEL|LIST|INST))\s", "a Geomview file of another kind than off"),
     (rb"\s*MeshVersionFormatted", "a Medit file"),
     (rb"Ogawa", "an Alembic file"),
     (rb"\x89HDF", "an HDF5 file"),

@@ -49,6 +49,7 @@ def test_content_tells_whatever_the_name_is(kind, hint):
         (b"\xef\xbb\xbfply\n", "ply"),
         (b"\xef\xbb\xbfv 1 2 3", "obj"),
         (b"# x\rV 1 2 3\r", "obj"),
+        (OBJ + bytes(100), "obj"),
         (b"\xef\xbb\xbf\n SOLID x\nFACET", "stl"),
         (b"facet normal 0 0 1\n", "stl"),
     ],

@@ -35,6 +35,9 @@ def behind(rows: str, more: str) -> str:
     "data",
     [
         "\ufeff" + PLAIN,
+        "mtllib C:\\models\\\n" + PLAIN,
+        PLAIN.replace("f 1 2 5", "usemtl C:\\red\\ \n\tf 1 2 5"),
+        PLAIN.replace("f 1 2 5", "g head \\\nv f \\\nbody\nf 1 2 5"),
         PLAIN.replace("\n", "\r\n"),
         PLAIN.replace("\n", "\r"),
         PLAIN.upper(),
@@ -94,6 +97,8 @@ def test_what_is_skipped_is_told(data, note):
         (PLAIN.replace("f 1 2 5", "f 1 2 99999999999999999999"), "line 8: .* is not a vertex"),
         (PLAIN.replace("f 1 2 5", "f 0 1 2"), "line 8: .* first vertex of an obj file is 1"),
         ("f -1 -2 -3\n" + ROWS, "line 1: a face with vertex -1, which is before"),
+        ("# nothing but words\nvt 0 0\n", "no line that begins with v or f"),
+        ("\x7fELF\2\1\1\0\0\0", "no line that begins with v or f"),
     ],
 )
 def test_what_is_wrong_is_said(data, message):

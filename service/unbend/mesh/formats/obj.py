@@ -1,7 +1,8 @@
 """Wavefront obj files: positions and polygons; texture coordinates, normals, groups and materials are passed over.
 
 Lines are told apart first, and those of one kind read at once. A comment ends where its line does, whatever that ends
-in; then a backslash joins a line to the next. Corners count from 1, or back from the last vertex above them.
+in; then a backslash joins a line to the next, unless that begins a vertex or a face: a path may end in a backslash.
+Corners count from 1, or back from the last vertex above them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from unbend.mesh.limits import MeshLimits
 
 _LOOKED_AT: Final = 2**20  # bytes that may stand before the first vertex; a file with more is told by its name
 _FIRST: Final = re.compile(rb"(?:^|[\r\n]|%b)[ \t]*[vf][ \t]+[-+.\d]" % MARK, re.IGNORECASE)  # in linear time
-_CONTINUED: Final = re.compile(rb"\\[ \t]*\n")
+_CONTINUED: Final = re.compile(rb"\\[ \t]*\n(?![ \t]*(?:v[nt]?|f)[ \t]+[-+.\d])", re.IGNORECASE)
 _INDENTED: Final = re.compile(rb"^[ \t\v\f]", re.MULTILINE)
 _AFTER_SLASH: Final = re.compile(rb"/\S*")
 _BEFORE_SLASH_NOTHING: Final = re.compile(rb"(?:^|\s)/")
@@ -40,7 +41,7 @@ _SHOWN: Final = 5  # unknown words that a note names
 
 def recognises(data: bytes) -> bool:
     """Say whether some line begins as a vertex or a face."""
-    return b"\0" not in data[:4096] and bool(_FIRST.search(data, 0, _LOOKED_AT))
+    return b"\0" not in data[:4096].rstrip(b"\0") and bool(_FIRST.search(data, 0, _LOOKED_AT))
 
 
 def announced(data: bytes) -> tuple[int, int]:
@@ -54,6 +55,8 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     lines = _Lines.of(text)
     points = [number for number, line in enumerate(lines.texts) if line[:2] in _POINT]
     polygons = [number for number, line in enumerate(lines.texts) if line[:2] in _FACE or line[:3] in _OUTLINE]
+    if not points and not polygons:
+        raise MeshReadError("the obj file has no line that begins with v or f, as vertices and faces do")
     limits.check(len(points), 0)
     vertices, odd = _vertices(lines, points)
     corners, counts = _corners(lines, polygons, points)

@@ -110,9 +110,12 @@ def test_a_facet_of_four_corners_is_a_polygon():
     [
         (binary(count=3), MeshReadError, "announces 3 facets, and there are 2"),
         (binary()[:-1], MeshReadError, "announces 2 facets, and there are 1"),
-        (binary()[:70], MeshReadError, "70 bytes where its header has 84"),
+        (binary(b"part")[:70], MeshReadError, "70 bytes where its header has 84"),
         (binary(b"solid x", count=3), MeshReadError, "announces 3 facets, and there are 2"),
         (binary(count=0)[:84], MeshReadError, "no triangles"),
+        (binary(count=0), MeshReadError, "announces 0 facets, and there are 2"),
+        (20 * "a page of text\n", MeshReadError, "is text, and does not begin with a facet"),
+        ("a page\n", MeshReadError, "no text that begins with a solid"),
         ("solid x\nendsolid x\n", MeshReadError, "no triangles"),
         (
             TEXT.replace("vertex 1.000000e+00 1", "vertx 1.000000e+00 1"),

@@ -30,6 +30,7 @@ _SIZES: Final = 1e-30, 1e30  # coordinates beyond are none
 _TEXT: Final = re.compile(rb"(?:%b)?\s*(?:solid\b|facet\s)" % MARK, re.IGNORECASE)
 _SOLID: Final = re.compile(rb"\b(end[ \t]*)?solid\b(?:(?!\bfacet\s{1,9}normal\b)[^\n])*")
 _KEYWORD: Final = re.compile(rb"(?<=\S)(?<!end)[ \t]+(facet|outer|vertex|endloop|endfacet|end)\b")
+_CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x19\x1b-\x1f]")  # characters that no text has
 _BREAK: Final = re.compile(rb"[\n\v]")
 _BEGINS: Final = (b"facet", b"outer")
 _BOUNDS: Final = (*_BEGINS, b"end")
@@ -75,9 +76,12 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     if _text(data) and not _binary(data):
         return _read_text(data, limits)
     if len(data) < _HEADER:
-        raise MeshReadError(f"the stl file is no text, and has {len(data)} bytes where its header has {_HEADER}")
+        what = f"has {len(data)} bytes where its header has {_HEADER}"
+        raise MeshReadError(f"the stl file is no text that begins with a solid or a facet, and {what}")
+    if not _CONTROL.search(data, 0, _HEAD):
+        raise MeshReadError("the stl file is text, and does not begin with a facet or a solid that has one")
     announced_, there = _announced_facets(data), (len(data) - _HEADER) // _FACET.itemsize
-    if announced_ > there:
+    if announced_ > there or (there and not announced_):
         raise MeshReadError(f"the stl file announces {announced_:,} facets, and there are {there:,}")
     facets: Any = np.frombuffer(data, _FACET, announced_, _HEADER)
     vertices = facets["corners"].astype(np.float64).reshape(-1, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import time
 
@@ -13,6 +14,8 @@ from unbend.errors import MeshReadError
 from unbend.mesh.shapes import torus
 
 POINTS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1.5))
+TYPES = ("char", "uchar", "short", "ushort", "int", "uint", "int64", "uint64", "float", "double")
+LETTERS = dict(zip(TYPES, "bBhHiIqQfd", strict=True))
 POLYGONS = ((0, 1, 2), (0, 2, 3, 4), (0, 1, 4))
 FACES = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 4]]
 TEXT = (
@@ -94,6 +97,11 @@ def test_what_is_skipped_is_told(data, note):
     assert note in report.notes
 
 
+WITH_QUALITY = re.sub("^(. . [.0-9]+)$", r"\1 -1.#IND00", TEXT, flags=re.MULTILINE).replace(
+    "float z\n", "float z\nproperty float quality\n"
+)
+
+
 @pytest.mark.parametrize(
     "data",
     [
@@ -104,6 +112,7 @@ def test_what_is_skipped_is_told(data, note):
         HEADER.encode() + b"end_header\n" + ROWS.replace("\n", " ").encode(),
         HEADER.encode() + b"end_header\ncomment here\n" + ROWS.encode() + b"\0\0\n",
         HEADER.replace("uchar int", "float double").encode() + b"end_header\n" + ROWS.encode(),
+        WITH_QUALITY.encode(),
     ],
 )
 def test_text_of_other_manners_is_the_same(data):
@@ -113,13 +122,12 @@ def test_text_of_other_manners_is_the_same(data):
     assert surface.report.notes == read_mesh(TEXT.encode()).report.notes
 
 
-@pytest.mark.parametrize("counter", ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"])
+@pytest.mark.parametrize("counter", LETTERS)
 @pytest.mark.parametrize("order", "<>")
 def test_lists_may_have_any_type_of_length(counter, order):
-    letter = dict(zip(("char", "uchar", "short", "ushort", "int", "uint", "float", "double"), "bBhHiIfd", strict=True))
     head, body = beginning(order)
     head += f"element face 3\r\nproperty list {counter} uchar vertex_index\r\nend_header\r\n"
-    body += b"".join(struct.pack(f"{order}{letter[counter]}{len(face)}B", len(face), *face) for face in POLYGONS)
+    body += b"".join(struct.pack(f"{order}{LETTERS[counter]}{len(face)}B", len(face), *face) for face in POLYGONS)
     np.testing.assert_array_equal(read_mesh(head.encode() + body).faces, FACES)
     with pytest.raises(MeshReadError, match="ends early"):
         read_mesh(head.encode() + body[:-1])
@@ -157,6 +165,7 @@ def test_a_reader_of_others_finds_the_same():
     ("data", "message"),
     [
         (TEXT[: TEXT.index("3 0 1 4")].encode(), "ends early"),
+        (TEXT.replace("format ascii 1.0\n", "").encode(), "line 4: .* names no format"),
         (TEXT.replace("4 0 2", "4000000000 0 2").encode(), "4000000000"),
         (TEXT.replace("4 0 2", "-4 0 2").encode(), "-4"),
         (TEXT.replace("4 0 2", "nan 0 2").encode(), "nan"),

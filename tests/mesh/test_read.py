@@ -128,6 +128,7 @@ def test_the_content_decides_and_not_the_name():
         (OBJ.replace(b"f 1 2 5", b"f 1 2 99"), MeshReadError, "line 8: a face with vertex 99"),
         (OBJ.replace(b"f 1 2 5", b"f 1 2 -9"), MeshReadError, "before the first"),
         (OBJ.replace(b"v 0 0 0", b"v nan 0 0"), MeshGeometryError, "vertex 0 .*not finite"),
+        (OBJ.replace(b"v 0 0 0", b"v 1.#QNAN -1.#INF -1.#IND00"), MeshGeometryError, r"vertex 0 .*\[nan, -inf, nan\]"),
         (OBJ.replace(b"v 0 0 0", b"v 0 -inf 0"), MeshGeometryError, "vertex 0 .*not finite"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", MeshReadError, "no triangles"),
         (b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", MeshGeometryError, "zero area"),

@@ -19,7 +19,7 @@ _LINE_END: Final = re.compile(r"\r\n|\r|\n")
 _TYPES: Final = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
+    "double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8",
 }  # fmt: skip
 _ORDERS: Final = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 
@@ -56,7 +56,7 @@ def read_header(data: bytes) -> Header:
     """
     end, first = _END.search(data), MAGIC.match(data)
     if not end or not first:
-        raise MeshReadError("the header of the ply file does not " + ("begin" if end else "end"))
+        raise MeshReadError("the header of the ply file does not " + ("end" if first else "begin"))
     alone = first.group(1) == b"\r"  # then a newline behind the header is the first byte of a row
     text = data[first.end() : end.start()].decode("utf-8", "replace").lower()
     order, name = "", ""
@@ -87,7 +87,9 @@ def read_header(data: bytes) -> Header:
 def _field(words: list[str], order: str, number: int) -> Field:
     is_list = words[:1] == ["list"]
     kinds = words[1 if is_list else 0 : -1]
-    if not order or len(kinds) != (2 if is_list else 1) or any(kind not in _TYPES for kind in kinds):
+    if not order:
+        raise MeshReadError(f"line {number}: the header of the ply file names no format above its properties")
+    if len(kinds) != (2 if is_list else 1) or any(kind not in _TYPES for kind in kinds):
         _refuse(number, "property " + " ".join(words))
     found = [_ORDERS[order] + ("f8" if order == "ascii" else _TYPES[kind]) for kind in kinds]
     return Field(words[-1], found[-1], found[0] if is_list else "")

@@ -20,13 +20,19 @@ MARK: Final = b"\xef\xbb\xbf"
 _NUMBER: Final = re.compile(rb"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _WORD: Final = re.compile(rb"\S+")
 _COMMENT: Final = re.compile(rb"#[^\n]*")
+_MARKED: Final = re.compile(rb"([-+]?)1\.#(?:(inf)|ind|qnan|snan)\d*", re.IGNORECASE)
 _PADDING: Final = b"\0\x1a \t\r\n"  # and the end-of-file of old systems
 _SPACE, _NEWLINE = 32, 10
 
 
 def plain(data: bytes) -> bytes:
-    """Return text without a byte order mark, padding at its end, or carriage returns: each line ends in a newline."""
+    """Return text without a byte order mark, padding at its end, or carriage returns: each line ends in a newline.
+
+    Old runtimes of Windows write what is not finite as 1.#QNAN or 1.#INF: that becomes nan or inf, and no comment.
+    """
     text = data.removeprefix(MARK).rstrip(_PADDING) + b"\n"
+    if b"1.#" in text:
+        text = _MARKED.sub(lambda found: found[1] + (b"inf" if found[2] else b"nan"), text)
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 

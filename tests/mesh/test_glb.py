@@ -50,6 +50,7 @@ TEXT = json.dumps(LAYOUT).encode()
         glb({key: value for key, value in LAYOUT.items() if key not in {"scene", "scenes", "nodes"}}, DATA),
         glb({key: value for key, value in LAYOUT.items() if key not in {"scene", "scenes"}}, DATA),
         glb(LAYOUT | {"extensionsRequired": ["KHR_materials_unlit", "KHR_mesh_quantization"]}, DATA),
+        glb(LAYOUT | {"extensionsRequired": ["EXT_mesh_features", "KHR_techniques_webgl"]}, DATA),
     ],
 )
 def test_the_same_mesh_in_other_manners(data):

@@ -24,7 +24,8 @@ from unbend.mesh.report import counted_noun
 _JSON, _BINARY = b"JSON", b"BIN\0"
 _HARMLESS: Final = (
     "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "EXT_lights_",
-    "KHR_mesh_quantization", "KHR_animation_pointer", "KHR_xmp",
+    "KHR_mesh_quantization", "KHR_animation_pointer", "KHR_xmp", "KHR_techniques_webgl", "KHR_audio",
+    "EXT_structural_metadata", "EXT_feature_metadata", "EXT_mesh_features",
 )  # fmt: skip
 """Extensions a file may require without its triangles being other ones: what they begin with."""
 

@@ -1,4 +1,4 @@
-"""Corners of faces as files give them: each must be a vertex that is there."""
+"""Checks of the corners that files give their faces: each must be the index of a vertex."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from unbend.arrays import Indices
 from unbend.errors import MeshReadError
 
-_MOST: Final = 2.0**53  # beyond, double precision has lost digits
+_MOST: Final = 2.0**53  # double precision holds all whole numbers up to here
 
 
 def whole(numbers: Any, counts: Indices, where: Callable[[int], str]) -> Indices:
@@ -19,7 +19,7 @@ def whole(numbers: Any, counts: Indices, where: Callable[[int], str]) -> Indices
     Raises
     ------
     MeshReadError
-        If one is no whole number; `where` names the place of a face by its index.
+        If a corner is not a whole number. `where` returns the place of a face in the file, given its index.
     """
     if numbers.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
@@ -32,7 +32,7 @@ def whole(numbers: Any, counts: Indices, where: Callable[[int], str]) -> Indices
 
 
 def check_corners(corners: Indices, counts: Indices, vertices: int, where: Callable[[int], str]) -> None:
-    """Raise MeshReadError if a corner is none of so many vertices, counted from 0."""
+    """Raise MeshReadError if a corner is not the index of a vertex, from 0 to `vertices` - 1."""
     if len(corners) and not 0 <= corners.min() <= corners.max() < vertices:
         at = int(np.flatnonzero((corners < 0) | (corners >= vertices))[0])
         raise MeshReadError(

@@ -1,4 +1,4 @@
-"""Which format some bytes are: by their content first, for a name proves nothing."""
+"""Finding the format of a file from its content first, because a name proves nothing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from unbend.mesh.formats import FORMATS
 from unbend.mesh.formats.others import other_format
 from unbend.mesh.formats.registry import REGISTRY
 
-_FIRST: Final = 2**20  # bytes that are looked at to see whether there are any but blanks
-_PLAIN: Final = ("off", "obj", "stl")  # need not begin with their name, as ply and glb files must
+_FIRST: Final = 2**20  # bytes that are searched for anything but blanks
+_PLAIN: Final = ("off", "obj", "stl")  # files that may begin with other words than their name; ply and glb may not
 
 
 def detect_format(data: bytes, hint: str | None = None) -> str:
@@ -21,16 +21,16 @@ def detect_format(data: bytes, hint: str | None = None) -> str:
     data : bytes
         The whole file.
     hint : str, optional
-        A file name's extension, used only where the content does not tell.
+        A file name's extension. It decides only where the content does not.
 
     Raises
     ------
     MeshFormatError
-        If the content is of no known format and the hint is none either, or the file is packed, or of another
-        format that shows.
+        If neither the content nor the hint gives a format that is read. The message names a packing or another
+        format that the content shows.
     """
     found = next((name for name, known in REGISTRY.items() if known.recognises(data)), None)
-    # a line that could be of an obj file may stand in any text
+    # any text may have a line that could be of an obj file
     other = other_format(data) if found in (None, "obj") else None
     if found and not other:
         return found

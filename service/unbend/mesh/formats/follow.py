@@ -1,4 +1,4 @@
-"""Kernels for binary rows of changing length: where each begins is known only when the one before was read."""
+"""Kernels for binary rows of different lengths: a row begins where the one before it ends."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import numpy as np
 from unbend.jit import kernel
 
 SCALAR, UNSIGNED, SIGNED, SINGLE, DOUBLE = 0, 1, 2, 3, 4
-"""The kind of a field: one value, or a list with such a number before it."""
+"""Kinds of fields: a single value, or a list with a number of this type before it."""
 
 ENDED, STRANGE = -1, -2
-"""For the position behind the last row: the bytes ended early, or a list has no length that could be."""
+"""Returned in place of a position: the bytes end early, or a list has an impossible length."""
 
 MOST = 2**31
-"""No list is as long as that."""
+"""Every list has fewer values than this."""
 
 
 @kernel
 def follow(body, position, widths, kinds, sizes, big, places, counts):
-    """Fill in where each row's fields have their values, `places` (rows, fields), and how many, `counts`.
+    """Write into `places` (rows, fields) where the values of each row's fields begin, into `counts` how many there are.
 
-    `body` are bytes, `position` the first row's; `widths` (fields,) are bytes of a value, `kinds` and `sizes` the kinds
-    and bytes of the numbers before lists, `big` whether these are big-endian. Returns the position behind the last
-    row or what went wrong, and for STRANGE the number that stands before the list.
+    The rows lie in `body` (bytes,) from `position` on. A value of a field has `widths` (fields,) bytes. `kinds` and
+    `sizes` (fields,) give the kind and the bytes of the number before a list; `big` says whether it is big-endian.
+    Returns the position behind the last row, or ENDED or STRANGE, and for STRANGE the number before the list.
     """
     cell = np.zeros(8, np.uint8)
     whole, single, double = cell.view(np.int64), cell.view(np.float32), cell.view(np.float64)
@@ -57,7 +57,7 @@ def follow(body, position, widths, kinds, sizes, big, places, counts):
 
 @kernel
 def gather(body, places, counts, width, found):
-    """Copy to `found` the values of `width` bytes that lie at `places`, as many as `counts` says at each."""
+    """Copy into `found` the values of `width` bytes each, `counts` (rows,) of them from each of `places` (rows,) on."""
     position = 0
     for row in range(len(places)):
         for byte in range(places[row], places[row] + counts[row] * width):

@@ -1,6 +1,6 @@
-"""glb files: triangles and where they stand, from the file itself and nothing else.
+"""glb files: their triangles, placed by the nodes of their scene.
 
-No decoder is run, and nothing else is opened. Sizes are checked before anything is allocated.
+No decoder is run, and no other file is opened. Sizes are checked before anything is allocated.
 glTF 2.0: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
 """
 
@@ -27,7 +27,7 @@ _HARMLESS: Final = (
     "KHR_mesh_quantization", "KHR_animation_pointer", "KHR_xmp", "KHR_techniques_webgl", "KHR_audio",
     "EXT_structural_metadata", "EXT_feature_metadata", "EXT_mesh_features",
 )  # fmt: skip
-"""Extensions a file may require without its triangles being other ones: what they begin with."""
+"""Prefixes of extensions that a file may require: they do not change its triangles."""
 
 
 def recognises(data: bytes) -> bool:
@@ -43,7 +43,7 @@ def announced(_data: bytes) -> tuple[int, int]:
 def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     """Return all triangles of the file's scene, placed by its nodes.
 
-    A layout that is none raises what its use raises: KeyError, TypeError, and so on.
+    A damaged layout raises whatever its use raises: KeyError, TypeError and so on.
     """
     layout, binary, notes = _chunks(data)
     for name in layout.get("extensionsRequired", ()):
@@ -63,7 +63,7 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes, tuple[str, ...]]:
-    """Return the layout, the binary chunk, empty where there is none, and a note on bytes behind both."""
+    """Return the layout, the binary chunk (empty where there is none), and a note on bytes behind them."""
     if len(data) < 12:
         raise MeshReadError(f"the glb file ends early: it has {len(data)} bytes")
     _, version, length = struct.unpack_from("<4sII", data)
@@ -81,7 +81,7 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes, tuple[str, ...]]:
         position += 8 + size
         padded = position + -position % 4
         if data[padded + 4 : padded + 8] in (_JSON, _BINARY):
-            position = padded  # the size does not count the padding
+            position = padded  # some writers do not count the padding in the size
     if _JSON not in found:
         raise MeshReadError("the glb file has no layout: no chunk of it is JSON")
     try:
@@ -94,7 +94,7 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes, tuple[str, ...]]:
 
 
 def _told(layout: dict[str, Any], meshes: Meshes, standing: list[Place]) -> Iterator[str]:
-    """Yield what was put together, and what of the scene is not in the triangles."""
+    """Yield a note on meshes put together, and on each part of the scene that the triangles do not show."""
     if len(standing) > 1:
         number = len({place.mesh for place in standing})
         yield f"{counted_noun(number, 'mesh', 'meshes')} in {len(standing):,} places of the glb file put together"

@@ -1,4 +1,4 @@
-"""Accessors of a glTF file: arrays of numbers in its own bytes, each place checked before it is read."""
+"""Accessors of a glTF file: arrays of numbers in its own bytes. Every place is checked before it is read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _COMPRESSED: Final = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "
 
 
 def item_of(items: Any, index: Any) -> Any:
-    """Return an item of a list of the layout; MeshReadError if there is none."""
+    """Return an item of a list of the layout; raise MeshReadError if there is none."""
     if not isinstance(items, list) or type(index) is not int or not 0 <= index < len(items):
         raise MeshReadError(f"the glb file has no item {repr(index)[:40]} where it says so")
     return items[index]
@@ -38,13 +38,13 @@ class Data:
         return count
 
     def values(self, accessor: int, kind: str) -> Any:
-        """Return an accessor's elements, (count, columns), as numbers of their own type, or as shares of it."""
+        """Return an accessor's elements, (count, columns): numbers of their own type, or -1 to 1 where normalized."""
         described = item_of(self._layout["accessors"], accessor)
         if described["type"] != kind:
             raise MeshReadError(f"accessor {accessor} of the glb file is {shown(str(described['type']))}, not {kind}")
         count, component, sparse = self.count(accessor), described["componentType"], described.get("sparse")
         columns = _COLUMNS[kind]
-        if sparse:  # read first, for then the bytes that it is in are known
+        if sparse:  # read first: then all buffers it uses are known, which bound its size
             rows = self._elements(sparse["indices"], sparse["count"], sparse["indices"]["componentType"], 1)[:, 0]
             changes = self._elements(sparse["values"], sparse["count"], component, columns)
         if "bufferView" in described:
@@ -64,7 +64,7 @@ class Data:
         return values
 
     def _zeros(self, count: int, component: int, columns: int) -> Any:
-        """Return what the sparse elements of an accessor without other data are put into."""
+        """Return zeros, (count, columns), for sparse elements that replace no other data."""
         there = len(self._binary) + sum(len(buffer) for buffer in self._buffers.values())
         if count > there:
             raise MeshReadError(f"{count:,} elements of the glb file are announced, and its data are {there:,} bytes")

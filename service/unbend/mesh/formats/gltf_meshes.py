@@ -32,9 +32,9 @@ def _mode(primitive: dict[str, Any]) -> int:
 
 
 class Meshes:
-    """The meshes of a layout, known by their index; what is found of one is kept.
+    """The meshes of a layout, by their index; sizes and meshes are kept once they are found.
 
-    Primitives of one mesh that share their positions share vertices, so that materials do not tear a surface.
+    Primitives of one mesh with the same positions share vertices, so that materials do not tear a surface.
     """
 
     def __init__(self, layout: dict[str, Any], data: Data) -> None:
@@ -57,7 +57,7 @@ class Meshes:
         return self._sizes[mesh]
 
     def mesh(self, mesh: int) -> tuple[Floats, Indices]:
-        """Return vertices and faces of a mesh, where no node has moved it yet."""
+        """Return the vertices and faces of a mesh, before a node moves it."""
         if mesh not in self._meshes:
             parts = []
             for positions, primitives in self._groups(mesh).items():
@@ -96,7 +96,7 @@ class Meshes:
         else:
             found = self._data.values(primitive["indices"], "SCALAR")[:, 0]
             corners = found.astype(np.int64)
-            # no index may be the largest of its type; in strips it means what it means to graphics hardware
+            # glTF forbids the largest number of the type as an index; in strips graphics hardware restarts there
             restarts = (corners == np.iinfo(found.dtype).max) & (corners >= vertices) & (mode == _STRIP)
         if ((corners < 0) | (corners >= vertices))[~restarts].any():
             raise MeshReadError(f"a triangle of the glb file is outside its {vertices} vertices")
@@ -104,7 +104,7 @@ class Meshes:
             return strip_faces(corners, restarts)
         if mode == _TRIANGLES:
             if len(corners) % 3:
-                raise MeshReadError(f"{len(corners)} corners in the glb file are no triangles")
+                raise MeshReadError(f"{len(corners)} corners in the glb file do not make triangles")
             return corners.reshape(-1, 3)
         first = np.full(max(0, len(corners) - 2), corners[:1])
         return np.stack([first, corners[1:-1], corners[2:]], axis=1)

@@ -21,16 +21,16 @@ class Place:
     matrix: Floats
     """(4, 4)"""
     skinned: bool = False
-    """Its joints place it, and not its node."""
+    """Whether it has a skin: its joints place it, not its node."""
     extensions: tuple[str, ...] = ()
-    """Names of the extensions of the node."""
+    """Names of the extensions of its node."""
 
 
 def places(layout: dict[str, Any]) -> Iterator[Place]:
-    """Yield where meshes stand, from the roots down; every mesh once where no node has any.
+    """Yield each mesh and its place, from the root nodes down; where no node has a mesh, yield every mesh once.
 
-    A node has one parent at most, so this ends. What has a skin stands where its joints put it, whatever its node
-    says (section 3.7.3.3): it is left as it was when the skin was bound.
+    A node has one parent at most, so this ends. The transform of a node does not place a mesh with a skin: its joints
+    do (section 3.7.3.3). Such a mesh stays in the pose in which its skin was bound.
     """
     nodes = layout.get("nodes", [])
     if "scenes" not in layout and not any("mesh" in node for node in nodes):
@@ -65,16 +65,16 @@ def node_matrix(node: dict[str, Any]) -> Floats:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     matrix = np.eye(4)
-    with np.errstate(all="ignore"):  # numbers out of range become coordinates that are not finite, and are told so
+    with np.errstate(all="ignore"):  # numbers out of range give coordinates that are not finite; repair reports these
         matrix[:3, :3] = _rotation(node.get("rotation", (0, 0, 0, 1))) * np.reshape(node.get("scale", (1, 1, 1)), 3)
     matrix[:3, 3] = np.reshape(node.get("translation", (0, 0, 0)), 3)
     return matrix
 
 
 def placed(vertices: Floats, faces: Indices, matrix: Floats) -> tuple[Floats, Indices]:
-    """Return a mesh moved by `matrix`; one that mirrors turns faces around, so that their outside stays outside."""
+    """Return a mesh moved by `matrix` (4, 4); if that mirrors, turn its faces around to keep the outside outside."""
     if (matrix == np.eye(4)).all():
-        return vertices, faces  # to the last digit
+        return vertices, faces  # keeps the last digit
     with np.errstate(all="ignore"):
         moved = vertices @ matrix[:3, :3].T + matrix[:3, 3]
         return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces

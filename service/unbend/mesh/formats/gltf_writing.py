@@ -10,18 +10,19 @@ import numpy as np
 
 from unbend.arrays import Floats, Ints
 
-_POINTS, _CORNERS = 34962, 34963  # what a graphics card is to take a view for
+_POINTS, _CORNERS = 34962, 34963  # targets of buffer views
 _COMPONENTS: Final = {"<f4": 5126, "<u4": 5125, "|u1": 5121}
 
 
 def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:
-    """Return a glb file; it keeps `uv` and not `colours` where there are both."""
+    """Return a glb file. Where there are both `uv` and `colours`, it keeps `uv`."""
     attributes: dict[str, Any] = {"POSITION": np.asarray(vertices, "<f4")}
     layout: dict[str, Any] = {"asset": {"version": "2.0", "generator": "unbend"}, "scene": 0}
     primitive: dict[str, Any] = {"attributes": {}, "indices": 0, "mode": 4}
     if uv is not None:
-        attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")  # from the top down
-        layout["materials"], primitive["material"] = [{"doubleSided": True}], 0  # texture coordinates are for one
+        # glTF counts v from the top, and a texture needs a material
+        attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")
+        layout["materials"], primitive["material"] = [{"doubleSided": True}], 0
     elif colours is not None:
         opaque = np.full((len(colours), 1), 255)
         attributes["COLOR_0"] = np.hstack([np.rint(255 * colours), opaque]).astype("|u1")
@@ -60,7 +61,7 @@ def _views(arrays: list[Any]) -> list[dict[str, int]]:
 
 
 def _file(layout: dict[str, Any], binary: bytes) -> bytes:
-    """Return a file of two chunks; arrays of four bytes a piece keep the second one's length a multiple of four."""
+    """Return a file of two chunks. All elements have 4, 8 or 12 bytes, so `binary` needs no padding."""
     text = json.dumps(layout).encode()
     text += b" " * (-len(text) % 4)
     chunks = ((b"JSON", text), (b"BIN\0", binary))

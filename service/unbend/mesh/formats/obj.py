@@ -1,8 +1,8 @@
-"""Wavefront obj files: positions and polygons; texture coordinates, normals, groups and materials are passed over.
+"""Wavefront obj files: positions and polygons. Texture coordinates, normals, groups and materials are skipped.
 
-Lines are told apart first, and those of one kind read at once. A comment ends where its line does, whatever that ends
-in; then a backslash joins a line to the next, unless that begins a vertex or a face: a path may end in a backslash.
-Corners count from 1, or back from the last vertex above them.
+Lines are sorted by their first word, and all lines of one kind are read at once. A comment ends with its line, even
+where that ends in a backslash. Elsewhere a backslash joins a line to the next, unless the next begins a vertex or a
+face: the backslash is then the end of a path. Corners count from 1, or back from the last vertex above them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from unbend.mesh.formats.polygons import triangulated
 from unbend.mesh.formats.text import MARK, Table, leading_numbers, lines_of, plain, shown, table, without_comments
 from unbend.mesh.limits import MeshLimits
 
-_LOOKED_AT: Final = 2**20  # bytes that may stand before the first vertex; a file with more is told by its name
+_LOOKED_AT: Final = 2**20  # bytes that may stand before the first vertex; behind more, only the name shows the format
 _FIRST: Final = re.compile(rb"(?:^|[\r\n]|%b)[ \t]*[vf][ \t]+[-+.\d]" % MARK, re.IGNORECASE)  # in linear time
 _CONTINUED: Final = re.compile(rb"\\[ \t]*\n(?![ \t]*(?:v[nt]?|f)[ \t]+[-+.\d])", re.IGNORECASE)
 _INDENTED: Final = re.compile(rb"^[ \t\v\f]", re.MULTILINE)
@@ -40,12 +40,12 @@ _SHOWN: Final = 5  # unknown words that a note names
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether some line begins as a vertex or a face."""
+    """Say whether a line begins as a vertex or a face."""
     return b"\0" not in data[:4096].rstrip(b"\0") and bool(_FIRST.search(data, 0, _LOOKED_AT))
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return how many lines begin as vertices and as faces: less one, at most, and those that are indented."""
+    """Return how many lines begin as vertices and as faces; a first line and indented ones are not counted."""
     return data.count(b"\nv "), data.count(b"\nf ")
 
 
@@ -66,28 +66,32 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
 
 @dataclass(frozen=True)
 class _Lines:
-    """Lines as they are read, and the text that tells where in the file each is."""
+    """Lines with those joined that a backslash continues, and the text they come from."""
 
     texts: list[bytes]
     whole: bytes
 
     @classmethod
     def of(cls, text: bytes) -> _Lines:
-        joined = _CONTINUED.sub(lambda found: b" " * len(found[0]), text) if b"\\" in text else text
+        joined = _joined(text)
         texts = joined.split(b"\n")
         return cls([line.lstrip() for line in texts] if _INDENTED.search(joined) else texts, text)
 
     def place(self, number: int) -> str:
-        """Return the place of a line: its number in the file, where lines are not joined."""
+        """Return the place of a line: its number in the file, before lines are joined."""
         if b"\\" not in self.whole:
             return f"line {number + 1}"
-        joined = _CONTINUED.sub(lambda found: b" " * len(found[0]), self.whole).split(b"\n")
-        begin = sum(len(line) + 1 for line in joined[:number])
+        begin = sum(len(line) + 1 for line in _joined(self.whole).split(b"\n")[:number])
         above = self.whole.count(b"\n", 0, begin)
         return f"line {above + 1}"
 
     def wrong(self, number: int, what: str) -> MeshReadError:
         return MeshReadError(f"{self.place(number)}: {what}, found {shown(self.texts[number])}")
+
+
+def _joined(text: bytes) -> bytes:
+    """Return text with continued lines joined; every other byte stays where it is."""
+    return _CONTINUED.sub(lambda found: b" " * len(found[0]), text) if b"\\" in text else text
 
 
 def _vertices(lines: _Lines, points: list[int]) -> tuple[Floats, tuple[str, ...]]:
@@ -135,7 +139,7 @@ def _fault(corner: int, vertices: int) -> str:
         return "a face with vertex 0, and the first vertex of an obj file is 1"
     if corner < 0:
         return f"a face with vertex {corner}, which is before the first vertex"
-    return f"a face with vertex {corner}, but there are {vertices}"
+    return f"a face with vertex {corner}, but the file has {vertices}"
 
 
 def _check_numbers(rows: Table, lines: _Lines, numbers: list[int], expected: str) -> None:
@@ -144,7 +148,7 @@ def _check_numbers(rows: Table, lines: _Lines, numbers: list[int], expected: str
 
 
 def _unknown(texts: Iterable[bytes]) -> tuple[str, ...]:
-    """Return a note on lines whose first words mean nothing that is known."""
+    """Return a note on lines that begin with an unknown word."""
     rest = (line for line in texts if line[:2] not in _COMMON and line[:2] not in _POINT and line[:2] not in _FACE)
     words = {line.split(None, 1)[0] for line in rest if line.strip()}
     unknown = sorted(word for word in words if word.lower() not in _PASSED_OVER and word.lower() != b"fo")

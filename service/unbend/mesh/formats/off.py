@@ -1,9 +1,9 @@
 """off files: a keyword, counts, vertices and polygons, as words or in binary.
 
-Geomview's format, http://www.geomview.org/docs/html/OFF.html, and what others write: no keyword, no count of edges, the
-counts glued to the keyword, further numbers behind vertices and faces. Lines may break anywhere, yet what follows a
-face's corners on their line is its colour. So a file is read by its lines if these are alike; else as one stream of
-words without such colours, if that comes out even; else by its lines as they are.
+The format is Geomview's, http://www.geomview.org/docs/html/OFF.html. Other programs omit the keyword or the count of
+edges, write the counts right behind the keyword, and add numbers to vertices and faces. Lines may break anywhere, but a
+colour is what follows a face's corners on their line. So the reader takes lines as rows if they are alike. If not, it
+tries one stream of words without colours, which must end with the last face. If that fails, it takes lines as they are.
 """
 
 from __future__ import annotations
@@ -51,18 +51,18 @@ class _Key:
 
     @property
     def coordinates(self) -> int:
-        """Numbers that are a place: a fourth divides the others."""
+        """How many numbers give a vertex its place; a fourth divides the other three."""
         return 4 if b"4" in self.prefix else 3
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Numbers that a vertex may have: colours come as three or four."""
+        """How many numbers a vertex may have; a colour has three or four."""
         least = self.coordinates + 3 * (b"N" in self.prefix) + 2 * (b"ST" in self.prefix)
         return (least + 4, least + 3) if b"C" in self.prefix else (least,)
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether a file begins with the keyword, and counts, a comment, BINARY or a line's end behind it."""
+    """Say whether a file begins with the keyword, followed by counts, a comment, BINARY or the end of the line."""
     return bool(_BEGIN.match(data[:4096]))
 
 
@@ -75,7 +75,7 @@ def announced(data: bytes) -> tuple[int, int]:
 
 
 def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
-    """Return the mesh of an off file; a file without the keyword begins with its counts."""
+    """Return the mesh of an off file; without a keyword, its counts come first."""
     if binary := _BINARY.match(data[:_HEADER]):
         return _read_binary(data, binary.end(), _Key(binary.group(1)), limits)
     text = without_comments(plain(data))

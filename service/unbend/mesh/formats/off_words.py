@@ -1,4 +1,4 @@
-"""The words of an off file behind its keyword: counts, vertices, faces, by lines or as one stream."""
+"""The words of an off file behind its keyword: counts, vertices and faces, as lines or as one stream."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ Polygons = tuple[Indices, Indices, tuple[str, ...]]
 
 
 def in_space(points: Floats) -> Floats:
-    """Return places (n, 3) from as many coordinates, or from four, the last of which divides the others."""
-    with np.errstate(all="ignore"):  # what is not finite is told of later
+    """Return places (n, 3) from three coordinates, or from four, of which the last divides the others."""
+    with np.errstate(all="ignore"):  # repair reports what is not finite
         return points[:, :3] / points[:, 3:] if points.shape[1] == 4 else points
 
 
@@ -35,14 +35,14 @@ def _check_alike(widths: Indices, strict: bool) -> None:
 
 
 def _vertex_lines(text: bytes) -> int | None:
-    """Return how many lines hold the counts and the vertices, where each has its own and none is blank."""
+    """Return how many lines hold the counts and the vertices, if each has its own line and none is blank."""
     found = _FIRST_COUNT.match(text)
     return int(found.group(1)) + text.count(b"\n", 0, found.start(1)) + 1 if found else None
 
 
 @dataclass(frozen=True)
 class Body:
-    """Numbers, and where the lines that have some begin among them."""
+    """All numbers, and where each line with numbers begins among them."""
 
     lines: list[bytes]
     first: int
@@ -51,19 +51,19 @@ class Body:
     starts: Indices
     widths: Indices
     indices: Indices
-    """Where in `lines` each line that has numbers is."""
+    """The index in `lines` of each line with numbers."""
     broken: int | None
-    """The line that holds something else than numbers; nothing behind it was read."""
+    """The index of the first line that holds something else than numbers; nothing behind it was read."""
 
     @classmethod
     def of(cls, text: bytes, first: int) -> Body:
-        """Read text; its first line has the number `first`."""
+        """Read text, whose first line has the number `first` in the file."""
         rows = table(text, _vertex_lines(text))
         filled = np.flatnonzero(rows.widths)
         return cls(text.split(b"\n"), first, rows.values, rows.starts[filled], rows.widths[filled], filled, rows.broken)
 
     def without_dimension(self) -> Body:
-        """Return what follows the dimension, which must be three."""
+        """Return the body behind the dimension, which must be three."""
         if self.values[:1].tolist() != [3.0]:
             raise MeshFormatError(f"line {self._number(0)}: the off file is not of three dimensions")
         widths = self.widths.copy()
@@ -84,7 +84,7 @@ class Body:
         return int(found[0]), int(found[1])
 
     def behind_counts(self) -> Iterator[int]:
-        """Yield where the vertices may begin: the count of edges may be missing, or in a line of its own."""
+        """Yield where the vertices may begin: behind two counts if the line ends there, and behind three."""
         if 2 in self.starts[:3]:
             yield 2
         yield 3
@@ -94,8 +94,8 @@ class Body:
     ) -> tuple[Floats, int]:
         """Return (count, 3) vertices and where the next word is.
 
-        They are in a line each, all lines alike if `strict`, or, where `columns` is given, so many words each; the
-        first three or four are coordinates.
+        With `columns`, each vertex has so many words. Without, each has a line, and if `strict` all lines have as many
+        words. The first three or four words of a vertex are coordinates.
         """
         if columns is not None:
             end = begin + count * columns
@@ -112,10 +112,10 @@ class Body:
         return in_space(self.values[places]), self._start(end_line)
 
     def faces(self, begin: int, count: int, vertices: int, *, by_words: bool, strict: bool) -> Polygons:
-        """Return the faces: in a line each, or by words.
+        """Return the faces, each from a line of its own, or `by_words` from one stream.
 
-        Behind words nothing may follow, and behind lines neither if `strict`; these must then be alike. Only lines
-        that are not may hold faces of fewer than three corners.
+        A stream must end with the last face. If `strict`, so must the lines, and they must be alike. Only lines that
+        are not read strictly may hold faces of fewer than three corners.
         """
         if by_words:
             return self._faces_by_words(begin, count, vertices)
@@ -145,7 +145,7 @@ class Body:
         if rows.end != 8 * len(self.values) or self.broken is not None:
             raise MeshReadError("the off file goes on behind its last face")
         found, sizes = rows.columns["corners"]
-        if (sizes < 3).any():  # as words that are one too few or too many are taken for
+        if (sizes < 3).any():  # a stream with a word too few or too many gives such faces
             raise MeshReadError("a face of the off file has fewer than three corners")
         corners = whole(found, sizes, "face {}".format)
         check_corners(corners, sizes, vertices, "face {}".format)
@@ -164,7 +164,7 @@ class Body:
         return int(self.starts[line]) if line < len(self.starts) else len(self.values)
 
     def _number(self, line: int) -> int:
-        """Return the number that a line has in the file; of the broken one where none is left."""
+        """Return the number of a line in the file; behind the last line read, that of the broken one or of the end."""
         if line < len(self.indices):
             return self.first + int(self.indices[line])
         return self.first + (len(self.lines) - 1 if self.broken is None else self.broken)

@@ -10,10 +10,10 @@ _PACKED: Final = {
     b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz",
     b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "rar", b"\x28\xb5\x2f\xfd": "zstd", b"DRACO": "Draco",
 }  # fmt: skip
-"""How packed files begin; whatever they are called, nothing is unpacked."""
+"""First bytes of packed files. Nothing is unpacked, whatever a file is called."""
 
 _INSIDE: Final = {b"3dmodel.model": "3MF", b".usdc": "USDZ", b".usda": "USDZ"}
-"""Names inside packed files that tell their format."""
+"""Names of files inside a zip file that show its format."""
 
 _WIDE: Final = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")
 _KNOWN: Final = (
@@ -48,7 +48,7 @@ _GLTF: Final = re.compile(rb'\s*\{.*"asset"\s*:', re.DOTALL)
 
 
 def other_format(data: bytes) -> str | None:
-    """Return a sentence on what a file is if it is of a format that is known and not read; None if it is not."""
+    """Return a sentence that names the format of a file, if it is known but not read; otherwise None."""
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     if packing := _packing(data):
         return f"the file is packed ({packing}), and nothing is unpacked: send the mesh itself"
@@ -66,12 +66,12 @@ def _packing(data: bytes) -> str | None:
     found = next((name for beginning, name in _PACKED.items() if data.startswith(beginning)), None)
     if found != "zip":
         return found
-    names = data[:_HEAD] + data[-_HEAD:]  # a packed file's contents stand at its end
+    names = data[:_HEAD] + data[-_HEAD:]  # a zip file lists its files at its end
     return next((f"zip, as {name} files are" for word, name in _INSIDE.items() if word in names), found)
 
 
 def _is_wide(head: bytes) -> bool:
-    """Say whether text has two or four bytes a letter: by its byte order mark, or by the zeros between letters."""
+    """Say whether text has two or four bytes per letter: a byte order mark or zeros between letters show it."""
     if head.startswith(_WIDE):
         return True
     start = head[:64]

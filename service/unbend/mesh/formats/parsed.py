@@ -23,12 +23,12 @@ class ParsedMesh:
 
 
 def left_over(count: int, noun: str) -> tuple[str, ...]:
-    """Return the note on what follows the end of a file's mesh: so many bytes or lines."""
+    """Return the note on `count` bytes or lines that follow the end of the mesh; none for 0."""
     return (f"{counted_noun(count, noun, noun + 's')} behind the end skipped",) if count > 0 else ()
 
 
 def words_cut(lines: int) -> tuple[str, ...]:
-    """Return the note on lines that end in words that are no numbers."""
+    """Return the note on lines that end in words which are not numbers."""
     return (f"words skipped that are no numbers, at the end of {counted_noun(lines, 'line', 'lines')}",)
 
 
@@ -36,17 +36,17 @@ def words_cut(lines: int) -> tuple[str, ...]:
 class MeshFormat:
     """One file format.
 
-    Its functions are given whole files. `read` raises MeshReadError where a file is damaged, MeshFormatError where it
-    is of a kind that is not read, and MeshTooLargeError; what else it raises means damage, too.
+    Its functions take whole files. `read` raises MeshReadError for a damaged file, MeshFormatError for a kind of file
+    that is not read, and MeshTooLargeError; any other exception means damage, too.
     """
 
     name: str
     recognises: Callable[[bytes], bool]
-    """Whether the content shows the format, in linear time: servers ask before they queue a file."""
+    """Says whether the content shows the format. It takes linear time, because servers ask before they queue a file."""
     announced: Callable[[bytes], tuple[int, int]]
-    """How many vertices and faces the file says it has, or has lines for, found at the speed of a search; 0 where
-    unknown. It may be a lie: `read` counts again. Faces are polygons where the format has them."""
+    """Returns how many vertices and faces the file says it has, or has lines for; 0 where unknown. It is as fast as a
+    search. The file may lie, so `read` counts again. Faces are polygons where the format has them."""
     read: Callable[[bytes, MeshLimits], ParsedMesh]
     write: Callable[[Floats, Ints, Floats | None, Floats | None], bytes] | None = None
-    """Makes a file of finite vertices (n, 3), faces (m, 3), and colours (n, 3) from 0 to 1 and texture coordinates
-    (n, 2) where there are any. None for formats in which vertices cannot be shared."""
+    """Returns a file of finite vertices (n, 3), faces (m, 3), and optional colours (n, 3) from 0 to 1 and texture
+    coordinates (n, 2). None for formats in which faces cannot share vertices."""

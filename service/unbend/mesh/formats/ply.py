@@ -1,7 +1,8 @@
-"""ply files: positions, polygons and strips of triangles; every other element and property is stepped over.
+"""ply files: positions, polygons and strips of triangles. Every other element and property is skipped.
 
-Text is read as if it were binary, with every number a double. Rows of text stand in lines of their own, or lines do not
-count at all: then the words must come out even, for a line with a number too many would shift all that follow.
+Text is turned into binary rows in which every number is a double. Either each row has a line of its own, or lines do
+not count at all. In a file of the first kind, a line with a number too many would shift all rows behind it; such a line
+is refused.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str,
     behind = int((starts >= end).sum())
     behind += 0 if numbers.broken is None else sum(1 for line in lines[numbers.broken :] if line.strip())
     begins = np.concatenate([found.begins for found in rows.values()])
-    if len(begins) == len(starts) - int((starts >= end).sum()) or behind:  # else lines do not count
+    if len(begins) == len(starts) - int((starts >= end).sum()) or behind:  # otherwise lines do not count
         within = np.flatnonzero(~np.isin(np.append(begins, end), np.append(starts, 8 * len(numbers.values))))
         if len(within):
             line = int(np.searchsorted(8 * numbers.starts, np.append(begins, end)[within[0]])) - 1
@@ -105,7 +106,7 @@ def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str,
 
 
 def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
-    """Return the first line that has not as many numbers as a row of its element; up to the first with lists."""
+    """Return the first line whose number of values differs from its element's; stop at the first element with lists."""
     filled = np.flatnonzero(numbers.widths)
     begin = 0
     for element in itertools.takewhile(lambda element: not any(field.counter for field in element.fields), elements):
@@ -118,7 +119,7 @@ def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
 
 
 def _check_line(numbers: Table, lines: list[bytes], header: Header, wrong: int | None) -> None:
-    """Raise MeshReadError about the line `wrong`, or the one that holds something else than numbers, if any."""
+    """Raise MeshReadError about the line `wrong`, or else about the line that is not numbers, if there is one."""
     at = numbers.broken if wrong is None else wrong
     if at is None:
         return
@@ -135,7 +136,7 @@ def _vertices(rows: dict[str, Rows]) -> Floats:
 
 
 def _corners_of(element: Element) -> str:
-    """Return the property that holds the corners of faces: by its name, or the only one."""
+    """Return the property that holds the corners: the one with a known name, or the only list."""
     names = [field.name for field in element.fields]
     lists = [field.name for field in element.fields if field.counter]
     found = [name for name in _CORNERS if name in names] or lists[: len(lists) == 1]
@@ -152,7 +153,7 @@ def _corners(column: Column, vertices: int) -> tuple[Indices, Indices]:
 
 
 def _strips(column: Column, vertices: int, limits: MeshLimits) -> Indices:
-    """Return the triangles of strips, which -1 parts."""
+    """Return the triangles of strips, which -1 separates."""
     values, counts = column
     ends = np.cumsum(counts)
     corners = np.insert(whole(values, counts, "strip {} of the ply file".format), ends, -1)

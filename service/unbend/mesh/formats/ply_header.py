@@ -1,4 +1,4 @@
-"""The header of a ply file: which elements follow, how many of each, and what a row of each holds."""
+"""The header of a ply file: its elements, how many rows each has, and which fields are in a row."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from unbend.mesh.formats.records import Field
 from unbend.mesh.formats.text import MARK, shown
 
 HEADER: Final = 2**16
-"""Bytes that a header may have for its counts to be known at once."""
+"""Bytes that are searched for the counts before a file is read."""
 
 MAGIC: Final = re.compile(rb"(?:%b)?ply[ \t]*(\r\n|\n|\r)" % MARK, re.IGNORECASE)
 _END: Final = re.compile(rb"[\r\n]end_header[ \t]*(\r\n|\n|\r|$)", re.IGNORECASE)
@@ -40,19 +40,19 @@ class Header:
     text: bool
     elements: tuple[Element, ...]
     end: int
-    """Bytes it has."""
+    """How many bytes it has."""
     lines: int
-    """Lines it has."""
+    """How many lines it has."""
     notes: tuple[str, ...]
 
 
 def read_header(data: bytes) -> Header:
-    """Return the header of a ply file; words mean the same in capitals.
+    """Return the header of a ply file; capitals count as small letters.
 
     Raises
     ------
     MeshReadError
-        If it does not end, names no format, or has a line of which the rows' layout depends and that is wrong.
+        If it does not end, names no format, or has a wrong line that the layout of rows depends on.
     """
     end, first = _END.search(data), MAGIC.match(data)
     if not end or not first:

@@ -1,8 +1,9 @@
 """Polygons of any format, cut into triangles.
 
-A fan around the first corner where that covers the polygon once, as other programs cut; else around one of the next
-four, which settles every simple quad and pentagon; else ear clipping (mapbox-earcut). All is judged in the plane across
-the polygon's vector area (Newell's normal): for corners in no plane, that is the one that shows the outline largest.
+Like other programs, we cut a fan around the first corner where that covers the polygon once. If it does not, we try
+the next four corners: one of the five fits every simple quad and pentagon. Ear clipping (mapbox-earcut) cuts the rest.
+A polygon is judged in the plane normal to its vector area (Newell's normal). Where its corners lie in no plane, its
+outline is largest in that one.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from unbend.mesh.limits import MeshLimits
 from unbend.mesh.report import counted_noun
 from unbend.tolerances import FLAT_CORNER
 
-_BLOCK: Final = 2**20  # corners that are looked at together
-_TURNS: Final = 5  # corners that fans are tried around: a pentagon is one, if it is simple
-_MOST: Final = 100_000  # corners of a polygon to clip: it takes time with their square, seconds for so many
+_BLOCK: Final = 2**20  # corners per block
+_TURNS: Final = 5  # corners that fans are tried around: enough for every simple pentagon
+_MOST: Final = 100_000  # corners of a polygon to clip: time grows with their square, and this many take seconds
 
 
 def triangulated(
     vertices: Floats, corners: Indices, counts: Indices, limits: MeshLimits
 ) -> tuple[Indices, tuple[str, ...]]:
-    """Return triangles (m, 3) in the order of their polygons, and sentences on those that were no good ones.
+    """Return triangles (m, 3) in the order of their polygons, and notes on polygons that were mended or skipped.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def triangulated(
     Raises
     ------
     MeshTooLargeError
-        If the triangles are more than `limits` allow, before they are made.
+        If there would be more triangles than `limits` allow; it is raised before they are made.
     MeshReadError
         If a polygon that needs clipping has more than 100,000 corners.
     """
@@ -62,12 +63,12 @@ def triangulated(
 
 
 def _tidy(corners: Indices, counts: Indices) -> tuple[Indices, Indices, tuple[str, ...]]:
-    """Return polygons without corners that repeat the one before them, and of three corners at least."""
+    """Return the polygons of three or more corners, without corners that repeat the one before, and notes."""
     owner = np.repeat(np.arange(len(counts)), counts)
     following = np.arange(len(corners)) + 1
     last = np.cumsum(counts)[counts > 0]
     following[last - 1] = last - counts[counts > 0]
-    repeated = (corners[following] == corners) & (counts[owner] > 3)  # triangles stay as they are: repair tells of them
+    repeated = (corners[following] == corners) & (counts[owner] > 3)  # triangles stay as they are: repair counts them
     counts = counts - np.bincount(owner[repeated], minlength=len(counts))
     kept = counts >= 3
     notes = []
@@ -79,14 +80,14 @@ def _tidy(corners: Indices, counts: Indices) -> tuple[Indices, Indices, tuple[st
 
 
 def _blocks(counts: Indices) -> list[tuple[int, int]]:
-    """Return ranges of polygons with about as many corners each."""
+    """Return ranges of polygons, each with about `_BLOCK` corners."""
     cuts = np.flatnonzero(np.diff(np.cumsum(counts) // _BLOCK)) + 1
     edges = [0, *cuts.tolist(), len(counts)]
     return [(begin, end) for begin, end in itertools.pairwise(edges) if begin < end]
 
 
 def _cut(vertices: Floats, corners: Indices, counts: Indices) -> tuple[Indices, int]:
-    """Return the triangles of some polygons, and how many polygons have none that cover them once."""
+    """Return the triangles of some polygons, and how many polygons no triangles cover just once."""
     faces, owners = _fans(corners, counts)
     wrong = np.flatnonzero(~_covered_once(vertices[corners], counts))
     pieces, replaced, odd, firsts = [], [np.empty(0, np.int64)], 0, firsts_of(counts)
@@ -110,22 +111,22 @@ def _cut(vertices: Floats, corners: Indices, counts: Indices) -> tuple[Indices, 
 
 
 def _turned(rings: Indices, counts: Indices, turn: int) -> Indices:
-    """Return polygons that begin so many corners later."""
+    """Return the polygons, each begun `turn` corners later."""
     firsts = np.repeat(firsts_of(counts), counts)
     return rings[firsts + (np.arange(len(rings)) - firsts + turn) % np.repeat(counts, counts)]
 
 
 def _fans(corners: Indices, counts: Indices) -> tuple[Indices, Indices]:
-    """Return triangles around the first corner of each polygon, and the polygon that each is of."""
+    """Return triangles around the first corner of each polygon, and the polygon of each triangle."""
     owners = np.repeat(np.arange(len(counts)), counts - 2)
     behind = spans(firsts_of(counts) + 1, counts - 2)
     return np.stack([corners[firsts_of(counts)[owners]], corners[behind], corners[behind + 1]], axis=1), owners
 
 
 def _covered_once(points: Floats, counts: Indices) -> Bools:
-    """Say which polygons the triangles around their first corners cover, with none turned over and none overlapping.
+    """Say which polygons their fan around the first corner covers, with no triangle turned over and no overlap, (p,).
 
-    Those with a corner that is not finite count as covered: repair drops their triangles and says so.
+    A polygon with a corner that is not finite counts as covered: repair drops its triangles and says so.
     """
     firsts, each = firsts_of(counts), counts - 2
     with np.errstate(all="ignore"):
@@ -145,7 +146,7 @@ def _covered_once(points: Floats, counts: Indices) -> Bools:
 
 
 def _clipped(points: Floats) -> tuple[Indices, bool]:
-    """Return the triangles of one polygon, (k, 3) of its corners, and whether they cover it just once."""
+    """Return the triangles of one polygon, as indices of its corners (k, 3), and whether they cover it just once."""
     if len(points) > _MOST:
         raise MeshReadError(f"a face of {len(points):,} corners that is not convex: up to {_MOST:,} are read")
     around = points - points[0]
@@ -173,8 +174,8 @@ def _twice_area(triangles: Floats) -> Floats:
 def _with_all_corners(ears: Indices, count: int) -> Indices:
     """Return triangles that have every corner of their polygon.
 
-    Clipping leaves out corners that lie on a line. The faces beside them have these, so there would be a crack: a
-    triangle with such corners on an edge is cut there.
+    Clipping leaves out corners that lie on a line. The faces beside have these corners, so the surface would crack.
+    A triangle with such corners on an edge is therefore cut there.
     """
     edges = {edge for a, b, c in ears.tolist() for edge in ((a, b), (b, c), (c, a))}
     used = set(ears.ravel().tolist())

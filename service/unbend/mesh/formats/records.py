@@ -1,4 +1,4 @@
-"""Binary rows of fields, some of them lists with their lengths before them, as ply and binary off files have them."""
+"""Binary rows of fields, as in ply and binary off files; a field may be a list with its length before it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unbend.errors import MeshReadError
 from unbend.mesh.formats.follow import DOUBLE, ENDED, SCALAR, SIGNED, SINGLE, STRANGE, UNSIGNED, follow, gather
 
 Column = tuple[Any, Indices]
-"""A field's values of all rows, one after the other, and how many each row has."""
+"""The values of a field, row after row, and how many each row has."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows: their values, and where they lie."""
+    """Rows: their values, and where they lie."""
 
     columns: dict[str, Column]
     begins: Indices
@@ -52,8 +52,8 @@ def read_rows(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -
     Raises
     ------
     MeshReadError
-        If the bytes end before the rows do, or a list has a length that none can have. Nothing is allocated for
-        rows that cannot be there.
+        If the bytes end before the rows do, or a list has an impossible length. Rows that cannot be there get no
+        memory.
     """
     least = sum(field.counter_width or field.width for field in fields)
     if start + least * length > len(body):
@@ -65,7 +65,7 @@ def read_rows(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -
 
 
 def _alike(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -> Rows | None:
-    """Read rows whose lists are all as long as the first row's; None if they are not."""
+    """Return rows whose lists are all as long as in the first row; None if they are not."""
     places, position = [], start
     for field in fields:
         count = 1
@@ -91,7 +91,7 @@ def _alike(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -> R
 
 
 def _count(body: bytes, position: int, counter: str) -> int:
-    """Return the length before a list, -1 if there is none."""
+    """Return the length before a list, -1 if it is missing or impossible."""
     if position + np.dtype(counter).itemsize > len(body):
         return -1
     number = float(np.frombuffer(body, counter, 1, position)[0])

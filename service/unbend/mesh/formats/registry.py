@@ -1,4 +1,4 @@
-"""The formats, in the order in which their content is looked at: what shows most plainly comes first."""
+"""The formats, in the order in which their contents are tested: the most certain test comes first."""
 
 from __future__ import annotations
 

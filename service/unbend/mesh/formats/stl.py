@@ -1,7 +1,7 @@
 """stl files, binary or text: facets, each with corners of its own.
 
-A binary file is told by its length: 84 bytes and 50 for each facet that it announces, whatever its header begins with;
-bytes behind the last facet are skipped. In text, lines count for nothing but the names of solids.
+The length shows a binary file, whatever its header begins with: it has 84 bytes and 50 for each facet it announces.
+Bytes behind the last facet are skipped. In text, only the names of solids depend on line ends.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from unbend.mesh.report import counted_noun
 _HEAD: Final = 2**16  # bytes in which a text file has its first facet
 _HEADER: Final = 84
 _FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_LOOKED_AT: Final = 100  # facets that must look like some where the length alone does not show them
-_SIZES: Final = 1e-30, 1e30  # coordinates beyond are none
+_LOOKED_AT: Final = 100  # facets that are checked where bytes follow the last one
+_SIZES: Final = 1e-30, 1e30  # coordinates beyond these are not taken for any
 _TEXT: Final = re.compile(rb"(?:%b)?\s*(?:solid\b|facet\s)" % MARK, re.IGNORECASE)
 _SOLID: Final = re.compile(rb"\b(end[ \t]*)?solid\b(?:(?!\bfacet\s{1,9}normal\b)[^\n])*")
 _KEYWORD: Final = re.compile(rb"(?<=\S)(?<!end)[ \t]+(facet|outer|vertex|endloop|endfacet|end)\b")
@@ -38,7 +38,7 @@ _WORDS: Final = (*_BOUNDS, b"vertex", b"color")
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether a file has the length of a binary one, or begins as text with a facet or the end of a solid."""
+    """Say whether a file has the length of a binary one, or begins as text does."""
     return _binary(data) or _text(data)
 
 
@@ -53,7 +53,7 @@ def _announced_facets(data: bytes) -> int:
 
 
 def _plausible(data: bytes, facets: int) -> bool:
-    """Say whether the first facets have coordinates such as surfaces have: random bytes do not."""
+    """Say whether the first facets have coordinates of a usual size: random bytes do not."""
     found: Any = np.abs(np.frombuffer(data, _FACET, min(facets, _LOOKED_AT), _HEADER)["corners"])
     sound = (found == 0) | ((found > _SIZES[0]) & (found < _SIZES[1]))
     return bool(sound.all() and found.any())
@@ -65,7 +65,7 @@ def _text(data: bytes) -> bool:
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return how many facets are announced, or end; how many places they have is not known before all are read."""
+    """Return 0 vertices, as their places are not known yet, and the facets announced or, in text, ended."""
     if _text(data) and not _binary(data):
         return 0, data.count(b"endfacet") + data.count(b"ENDFACET")
     return 0, _announced_facets(data)
@@ -92,7 +92,8 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
 def _read_text(data: bytes, limits: MeshLimits) -> ParsedMesh:
     text = without_comments(plain(data)).lower()
     ends = [bool(found) for found in _SOLID.findall(text)]
-    text = _KEYWORD.sub(rb"\v\1", _SOLID.sub(b"", text))  # keywords begin lines, and newlines stay countable
+    # \v begins a line at each keyword, so that newlines still count the lines of the file
+    text = _KEYWORD.sub(rb"\v\1", _SOLID.sub(b"", text))
     lines = [line.strip() for line in text.replace(b"\v", b"\n").split(b"\n")]
 
     def place(line: int) -> str:
@@ -119,7 +120,7 @@ def _vertices(lines: list[bytes], place: Callable[[int], str]) -> Floats:
 
 
 def _corners(lines: list[bytes], at: Indices, place: Callable[[int], str]) -> Indices:
-    """Return how many corners each facet has, or each loop of one; the vertices are in the lines `at`."""
+    """Return how many corners each facet, or each loop of a facet, has; `at` are the lines of vertices."""
     bounds = np.flatnonzero([line.startswith(_BOUNDS) for line in lines])
     begins = np.array([lines[number].startswith(_BEGINS) for number in bounds], bool)
     facets = np.array([lines[number].startswith(b"facet") for number in bounds], bool)

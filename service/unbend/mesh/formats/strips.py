@@ -11,8 +11,8 @@ from unbend.mesh.formats.spans import firsts_of, spans
 def strip_faces(corners: Indices, separators: Bools) -> Indices:
     """Return the triangles (m, 3) of strips that lie one after the other in `corners` (k,).
 
-    `separators` (k,) are True where a corner is none and a new strip begins behind it. Every second triangle of a
-    strip is turned round, so that all face the same side.
+    `separators` (k,) are True where an entry is no corner but separates two strips. Every second triangle of a strip
+    is turned around, so that all face the same side.
     """
     edges = np.flatnonzero(np.concatenate([[True], separators, [True]]))
     lengths = np.maximum(np.diff(edges) - 3, 0)

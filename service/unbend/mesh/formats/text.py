@@ -21,14 +21,14 @@ _NUMBER: Final = re.compile(rb"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf
 _WORD: Final = re.compile(rb"\S+")
 _COMMENT: Final = re.compile(rb"#[^\n]*")
 _MARKED: Final = re.compile(rb"([-+]?)1\.#(?:(inf)|ind|qnan|snan)\d*", re.IGNORECASE)
-_PADDING: Final = b"\0\x1a \t\r\n"  # and the end-of-file of old systems
+_PADDING: Final = b"\0\x1a \t\r\n"  # \x1a ended files on old systems
 _SPACE, _NEWLINE = 32, 10
 
 
 def plain(data: bytes) -> bytes:
-    """Return text without a byte order mark, padding at its end, or carriage returns: each line ends in a newline.
+    """Return text without a byte order mark and padding at its end; every line ends in a newline.
 
-    Old runtimes of Windows write what is not finite as 1.#QNAN or 1.#INF: that becomes nan or inf, and no comment.
+    Old Windows runtimes write numbers that are not finite as 1.#QNAN or 1.#INF; they become nan or inf.
     """
     text = data.removeprefix(MARK).rstrip(_PADDING) + b"\n"
     if b"1.#" in text:
@@ -37,19 +37,12 @@ def plain(data: bytes) -> bytes:
 
 
 def without_comments(text: bytes) -> bytes:
-    """Return text without what stands between # and the end of a line; lines stay where they are."""
+    """Return text without comments, from # to the end of a line; the lines keep their numbers."""
     return _COMMENT.sub(b"", text) if b"#" in text else text
 
 
-def line_of(text: bytes, position: int) -> bytes:
-    """Return the line that `position` is in."""
-    begin = text.rfind(b"\n", 0, position) + 1
-    end = text.find(b"\n", position)
-    return text[begin : end if end >= 0 else len(text)]
-
-
 def shown(text: bytes | str) -> str:
-    """Return the beginning of what a file holds as an error shows it."""
+    """Return the beginning of `text` in quotes, as errors show it."""
     return repr((text if isinstance(text, str) else text.decode("utf-8", "replace")).strip()[:40])
 
 
@@ -73,8 +66,8 @@ class Table:
 def table(text: bytes, fractions: int | None = None) -> Table:
     """Return the numbers of `text`, line by line.
 
-    Where `fractions` is given, lines behind so many are expected to hold whole numbers: these are read several times
-    as fast.
+    With `fractions`, only so many lines at the beginning are expected to hold fractions: the whole numbers behind them
+    are read several times as fast.
     """
     lines = _lines(text)
     widths = _widths(text, lines)
@@ -86,7 +79,7 @@ def table(text: bytes, fractions: int | None = None) -> Table:
             values = np.append(_numbers(text[:begin], np.float64), _numbers(text[begin:], np.int64))
             if len(values) == widths.sum():
                 return Table(values, widths, None)
-    # NumPy stopped early, or took one word for two numbers, as "1-2": find the word that is none
+    # NumPy stopped early, or took a word such as "1-2" for two numbers: find the first word that is no number
     begin = next((word.start() for word in _WORD.finditer(text) if not _NUMBER.fullmatch(word[0])), len(text))
     before = text[: text.rfind(b"\n", 0, begin) + 1]
     widths = _widths(before, _lines(before))
@@ -95,12 +88,12 @@ def table(text: bytes, fractions: int | None = None) -> Table:
 
 def _numbers(text: bytes, kind: type) -> Any:
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # NumPy's word for what is no number
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy warns where a word is no number
         return np.fromstring(text, kind, sep=" ")
 
 
 def _lines(text: bytes) -> Indices:
-    """Return where lines begin; what follows the last newline is a line if it is not empty."""
+    """Return where lines begin; text behind the last newline is a line, too."""
     begins = np.append(0, np.flatnonzero(np.frombuffer(text, np.uint8) == _NEWLINE) + 1)
     return begins[begins < len(text)]
 
@@ -115,9 +108,9 @@ def _widths(text: bytes, lines: Indices) -> Indices:
 
 
 def leading_numbers(text: bytes) -> tuple[bytes, int]:
-    """Return text whose lines end before their first word that is no number, and how many lines were cut.
+    """Return text with each line cut before its first word that is no number, and how many lines were cut.
 
-    A line that begins with such a word stays as it is, and so does one that has run into another, with its `v` or `f`.
+    A line that begins with such a word stays whole. So does one whose word is `v` or `f`: two lines have run together.
     """
     lines, cut = text.split(b"\n"), 0
     for number, line in enumerate(lines):
@@ -130,7 +123,7 @@ def leading_numbers(text: bytes) -> tuple[bytes, int]:
 
 
 def lines_of(key: str, rows: NDArray[Any], item: str = "%r") -> str:
-    """Return rows (n, k) of numbers as text, each line behind a key; every digit of a number is kept."""
+    """Return rows (n, k) of numbers as lines that begin with `key`; every digit is kept."""
     per_row = rows.shape[1] // item.count("%")
     line = " ".join([key, *[item] * per_row] if key else [item] * per_row) + "\n"
     return line * len(rows) % tuple(rows.ravel().tolist())

@@ -1,16 +1,16 @@
-"""Names of files, which may be any bytes, as text that can be shown and stored."""
+"""Names of files as text that can be shown and stored: a name may be any bytes."""
 
 from __future__ import annotations
 
 from typing import Final
 
 MAX_TEXT: Final = 200
-"""Characters of the longest name, of a shape, a class or a key."""
+"""Characters that the name of a shape, a class or a key may have."""
 
 
 def printable(name: str) -> str:
-    r"""Return `name` with an escape, such as \xe9, for each byte of it that is no UTF-8."""
+    r"""Return `name` with an escape, such as \xe9, for each byte that is not UTF-8."""
     try:
         return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
-    except UnicodeEncodeError:  # half a character, as Windows allows
+    except UnicodeEncodeError:  # Windows allows half a surrogate pair
         return name.encode("utf-8", "backslashreplace").decode()

@@ -12,17 +12,19 @@ coordinates of `geodesics.stencils` still keep six digits.
 """
 
 SEAM_GAP: Final = 1e-6
-"""How far apart, as a share of the surface's extent, the two sides of a seam may be: they are the same points, written
-twice in single precision or in texts of six or seven digits."""
+"""Largest gap between the two sides of a seam, as a share of the surface's extent.
+
+They are the same points, written twice in single precision or as text of six or seven digits.
+"""
 
 SEAM_EDGES: Final = 10.0
-"""Shortest edge, in widths of that gap, at a vertex that is joined across it: smaller features must not vanish."""
+"""Shortest edge, in widths of `SEAM_GAP`, at a vertex that is joined across a gap: smaller features must not vanish."""
 
 SAME_ANGLE: Final = 1e-4
-"""Faces around an edge at angles, in radians, that differ by less lie on each other."""
+"""Faces around an edge lie on each other where their angles, in radians, differ by less than this."""
 
 AREA_KEPT: Final = 0.9
-"""Share of a file's area below which what was kept of it may not be what its owner means."""
+"""Where less than this share of the area is kept, the surface may not be what the file's owner means."""
 
 DEGENERATE_BASE: Final = 1e-7
 """An edge below this share of the other two of its triangle has no direction: no front crosses it."""
@@ -37,48 +39,48 @@ MOLLIFIED: Final = 1e-11
 """Least excess, in median edges, of two sides of a triangle over the third before flips (Sharp & Crane 2020)."""
 
 DELAUNAY: Final = 1e-9
-"""An edge is flipped where the cotangents opposite it sum to less than minus this: squares are left as they are."""
+"""An edge is flipped where the cotangents opposite it sum to less than minus this, so that squares stay as they are."""
 
 FLIPS: Final = 100
-"""Flips a face at most. Lawson's flips end by themselves; rounding on triangles without an area need not."""
+"""Most flips per face. Lawson's flips end by themselves, but rounding on triangles without an area may go on."""
 
 THIN_ANGLE: Final = 10.0
-"""Degrees below which a corner of an intrinsic triangle is always refined; 1 % of a scan's faces have one."""
+"""Degrees below which the smallest angle of an intrinsic triangle is always refined: 1 % of a scan's faces."""
 
 ROUND_ANGLE: Final = 25.0
-"""Degrees to which a stretched surface is refined. Refinement surely ends up to 20.7, in practice up to 30."""
+"""Degrees to which a stretched surface is refined. It surely ends up to 20.7, and in practice up to 30."""
 
 STRETCHED_SHARE: Final = 0.03
-"""A surface of which more faces than this have a corner below `THIN_ANGLE`, after all flips, is a stretched one."""
+"""A surface is stretched where more than this share of its faces have an angle below `THIN_ANGLE` after all flips."""
 
 NARROW: Final = 60.0
-"""Degrees around a vertex below which its triangles stay thin whatever is inserted."""
+"""Where the angle around a vertex is below this, in degrees, its triangles stay thin whatever is inserted."""
 
 MOST_STEINER: Final = 4.0
-"""Most Steiner points a vertex of the surface, beside `STEINER_FLOOR`."""
+"""Most Steiner points per vertex of the surface, in addition to `STEINER_FLOOR`."""
 
 STEINER_FLOOR: Final = 2000
-"""Steiner points that any surface may have: CAD models have few vertices."""
+"""Steiner points that every surface may have, because CAD models have few vertices."""
 
 HOPELESS: Final = 1e-3
-"""A triangle whose shortest side is less than this share of its longest is not refined: it would take thousands."""
+"""A triangle whose shortest side is less than this share of its longest is not refined: that takes thousands of points."""
 
 REFINEMENT_STEPS: Final = 200
-"""Triangles crossed in search of a circumcentre, which lies near its own in all but the first insertions."""
+"""Most triangles crossed in search of a circumcentre. It is far from its triangle only at first."""
 
 START_EVENTS: Final = 224
-"""Windows and pseudo-sources that the exact start of a front goes through: some four rings of vertices."""
+"""Windows and pseudo-sources that the exact start of a front goes through: about four rings of vertices."""
 
 START_RADIUS: Final = 2.75
-"""Radius, in median edges, below which the exact start goes on for up to three times as many."""
+"""Radius, in median edges, below which the exact start goes on, for up to three times `START_EVENTS`."""
 
 SPREAD_EVENTS: Final = 64
-"""The same where many fronts share a surface, each with a small part of it."""
+"""`START_EVENTS` where many fronts share a surface and each covers a small part of it."""
 
 SADDLE: Final = 1e-10
 """Shortest paths may bend at a vertex around which the angle exceeds a full turn by more than this, in radians.
 
-Flat meshes have less by rounding. What lies in the shadow of a lesser one is met by the rays that graze the vertex.
+On flat meshes rounding gives less. Behind a vertex of smaller excess, rays that graze it meet everything.
 """
 
 PLANAR_START: Final = 0.1
@@ -98,10 +100,10 @@ MARCHING_DECREASE: Final = 1e-6
 """A distance is lowered again only by more than this share of it: single precision keeps 6e-8."""
 
 DOUBTFUL_ASYMMETRY: Final = 0.05
-"""Share of the largest distance by which both directions of one differ where distances are doubtful.
+"""Distances are doubtful where both directions of one differ by more than this share of the largest.
 
-Of real meshes the most was 0.03, on 252 vertices. Of 500 defective ones, those without a warning erred by at most 4 %
-of the largest distance, those with one by up to 21 %.
+On real meshes they differed by at most 0.03, on one of 252 vertices. Of 500 defective meshes, those without a warning
+erred by at most 4 % of the largest distance, those with one by up to 21 %.
 """
 
 SAMPLING_TIE: Final = 1e-3

@@ -13,7 +13,7 @@ from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.names import MAX_TEXT
 
-_WARNINGS: Final = "Why the answer may be wrong, and what to do, a sentence each; mostly empty."
+_WARNINGS: Final = "Sentences that say why the answer may be wrong, and what to do; mostly empty."
 _WARNING: Final = (
     "only 50.0% of the area was kept, the largest of 2 components, so that the answer may be that of a part: the "
     'reading policy components="bridge" links all of them'
@@ -101,7 +101,7 @@ class Ranking(BaseModel):
         "be none of these. Null where the class has too few members to tell."
     )
     warnings: list[str] = Field(
-        default_factory=list,  # answers that were stored before have none
+        default_factory=list,  # answers stored by earlier versions have none
         description=f"Of the query. {_WARNINGS}",
     )
 

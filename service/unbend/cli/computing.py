@@ -38,7 +38,7 @@ def read_file(mesh: Path, policy: Values) -> Surface:
 
 
 def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
-    """Return the signature of the mesh at `mesh`; what may be wrong with it goes to standard error."""
+    """Return the signature of the mesh at `mesh`; print its warnings on standard error."""
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
     from unbend.signature.pipeline import compute_signature  # noqa: PLC0415

@@ -22,7 +22,7 @@ class LabelledFile:
 def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
     """Return the files of a labels.csv, whose paths are relative to `folder`. One without a class has no label.
 
-    A path may hold any bytes, as the names of files do.
+    A path may hold any bytes, because the names of files may: bytes that are not UTF-8 become surrogates.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
         If the header lacks `path` or `class`, a row lacks a path, a class is not UTF-8, or a file is not there.
     """
     try:
-        with csv_path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:  # as names of files are
+        with csv_path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
             rows = csv.DictReader(file)
             missing = {"path", "class"} - set(rows.fieldnames or ())
             if missing:

@@ -101,6 +101,6 @@ def warn(message: str) -> None:
 
 
 def warn_of(name: object, warnings: Iterable[str]) -> None:
-    """Print on standard error why what is said of a file may be wrong."""
+    """Print the `warnings` about a file on standard error."""
     for sentence in warnings:
         warn(f"{name}: warning: {sentence}")

@@ -53,7 +53,7 @@ def query(
     else:
         ranking = _in_library(library or "unbend.db", mesh, parameters, policy, asked)
     click.echo(json.dumps(ranking) if as_json else _table(ranking))
-    if url:  # what was computed here has told its own
+    if url:  # a signature computed here has printed its warnings
         warn_of(mesh.name, ranking.get("warnings", ()))
 
 

@@ -60,7 +60,7 @@ class MeshFile:
     data: bytes
     name: str
     title: str | None = None
-    """The name of a shape that is made of it, where the service would not take that from the file's."""
+    """Name for the shape, where the service would not find it in the file's name."""
 
     @classmethod
     def of(cls, source: bytes | str | Path) -> MeshFile:
@@ -69,7 +69,7 @@ class MeshFile:
             return cls(source, "unnamed")
         path = Path(source)
         name, title = printable(path.name), printable(path.stem)[:MAX_TEXT]
-        return cls(path.read_bytes(), name, title if "\\" in name else None)  # which servers take for a folder's end
+        return cls(path.read_bytes(), name, title if "\\" in name else None)  # servers take \ for a folder
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from unbend.arrays import Floats
 from unbend.errors import ParameterError
 from unbend.tolerances import SYMMETRY
 
-_LARGEST_POWER: Final = 200  # of two; double precision ends at 1024, and sums of fourth powers are formed
+_LARGEST_POWER: Final = 200  # of two: double precision ends at 1024, and we add fourth powers
 
 
 def check_distances(distances: ArrayLike) -> Floats:
@@ -50,21 +50,21 @@ def check_point_weights(weights: ArrayLike, count: int) -> Floats:
         raise ParameterError(f"weights of points must be {(count,)}, not {vector.shape}")
     if not np.isfinite(vector).all() or vector.min() <= 0:
         raise ParameterError("weights of points must be finite and above zero")
-    vector = vector / vector.max()  # the sum of what was given may be too large
+    vector = vector / vector.max()  # the sum of the given weights may be too large
     return np.asarray(vector / vector.mean())
 
 
 def in_range(matrix: Floats) -> tuple[Floats, int]:
-    """Return `matrix` over a power of two, and that power: fourth powers of the entries then stay in double precision.
+    """Return `matrix` divided by a power of two, and its exponent: fourth powers then stay in double precision.
 
-    The power is 0, and the matrix the same, where they do anyway.
+    Where they do so anyway, the exponent is 0 and the matrix is returned as it is.
     """
     power = int(np.frexp(matrix.max())[1])
     return (matrix, 0) if abs(power) <= _LARGEST_POWER else (np.ldexp(matrix, -power), power)
 
 
 def scaled_back(values: ArrayLike, power: int) -> Floats:
-    """Return `values` times a power of two, infinite or 0 where double precision ends."""
+    """Return `values` times two to the `power`: infinite, or 0, where double precision ends."""
     with np.errstate(over="ignore", under="ignore"):
         return np.asarray(np.ldexp(values, power))
 

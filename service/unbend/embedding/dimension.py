@@ -37,7 +37,7 @@ def representation_errors(distances: ArrayLike) -> Floats:
     ParameterError
         If `distances` is not as described.
     """
-    matrix, _ = in_range(check_distances(distances))  # the errors are shares, whatever the unit
+    matrix, _ = in_range(check_distances(distances))  # the errors are ratios, so the unit does not matter
     count = len(matrix)
     values = np.linalg.eigvalsh(inner_products(matrix**2, np.full(count, 1 / count)))
     squares = np.maximum(values, 0.0) ** 2  # rising

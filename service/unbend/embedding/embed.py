@@ -42,7 +42,7 @@ class Embedding:
     eigenvalues: Floats
     """Leading eigenvalues of classical scaling, (min(n, m),); empty for "fast".
 
-    In squared units of the distances, so that they are infinite, or 0, where those leave double precision.
+    They are in squared units of the distances: infinite, or 0, where that leaves double precision.
     """
     clipped: int = 0
     """Negative squared residuals that FastMap took for zero."""

@@ -14,14 +14,14 @@ from unbend.geodesics.unfolding import apex
 from unbend.jit import inlined, kernel
 from unbend.tolerances import DELAUNAY, FLIPS, MOLLIFIED
 
-_FLAT = 1e-300  # below any area squared: keeps a triangle without an area from dividing by zero
+_FLAT = 1e-300  # below every squared area: a triangle without an area must not divide by zero
 
 
 def mollified(lengths: Floats) -> Floats:
-    """Return half-edge lengths (3 m,) with each triangle's inequality kept by a margin (Sharp & Crane 2020).
+    """Return half-edge lengths (3 m,) that satisfy every triangle inequality with a margin (Sharp & Crane 2020).
 
-    Where a triangle is flat, all edges are lengthened by the same small amount: the least that helps. Elsewhere nothing
-    changes.
+    If a triangle lacks the margin, all edges of the mesh grow by the same amount, the least that gives it. Otherwise
+    the lengths stay as they are.
     """
     sides = lengths.reshape(-1, 3)
     slack = float((sides.sum(axis=1) - 2 * sides.max(axis=1)).min())
@@ -38,13 +38,13 @@ def _cotangent(a, b, c):
 
 @kernel
 def flip_to_delaunay(mesh, waiting, queued, size, changed):
-    """Flip the first `size` half-edges of `waiting`, and what that makes worth a flip, until all are Delaunay.
+    """Flip edges until all are Delaunay: the first `size` of `waiting`, then those around each flip.
 
-    `queued` says which half-edges wait, and `changed` learns which faces are new. An edge stays whose other diagonal
-    would join a vertex to itself: windows and stencils tell an edge's ends apart by their vertices.
+    `queued` says which half-edges wait; faces that a flip makes are set in `changed`. An edge is not flipped if the new
+    one would join a vertex to itself: windows and stencils tell the ends of an edge apart by their vertices.
     """
     faces, twins, lengths, free = mesh
-    left = FLIPS * len(faces)  # rounding could turn an edge to and fro
+    left = FLIPS * len(faces)  # with rounding, an edge could be flipped for ever
     while size > 0:
         size -= 1
         half_edge = waiting[size]

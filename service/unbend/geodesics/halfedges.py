@@ -1,7 +1,7 @@
-"""A triangulation by its lengths alone: which triangles meet at which sides, and how long these are.
+"""A triangulation described by lengths alone: which triangles meet at which sides, and how long the sides are.
 
 Side `3 f + i` of face f lies opposite its corner i and is a half-edge; `twins` names the half-edge beyond it, as
-`unbend.mesh.topology` does. Faces are turned around until both of an edge's faces agree, as far as the surface can be
+`unbend.mesh.topology` does. Faces are turned around until both faces of each edge agree, as far as the surface can be
 oriented. Edges whose two faces agree are *free*: they may be flipped and crossed without looking at vertices.
 """
 
@@ -23,7 +23,7 @@ Mesh = tuple[Ints, Ints, Floats, NDArray[np.uint8]]
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """Triangles with lengths. Vertices from `Surface.vertices` on are Steiner points, which only distances pass."""
+    """Triangles with lengths. Vertices behind those of the surface are Steiner points, which only marching sees."""
 
     faces: Ints  # (m, 3) int32
     twins: Ints  # (3 m,) int32
@@ -55,7 +55,7 @@ def following(half_edge):
 
 @inlined
 def before(half_edge):
-    """Return the half-edge before it around the face."""
+    """Return the half-edge before this one around the face."""
     return half_edge + 2 if half_edge % 3 == 0 else half_edge - 1
 
 
@@ -122,7 +122,7 @@ def ring_before(twins, half_edge):
 
 @kernel
 def relink(twins, old, new, beyond, ahead):
-    """Let half-edges `new` stand where `old` stood, whose twins were `beyond` and who were twins of `ahead`."""
+    """Put half-edges `new` in place of `old`: the twins of `old` were `beyond`, and `old` were the twins of `ahead`."""
     for k in range(len(old)):
         twins[new[k]] = beyond[k]
     for k in range(len(old)):

@@ -1,4 +1,4 @@
-"""The triangles that fronts march over: of the same surface as the given ones, but rounder.
+"""The triangles that fronts march over: they cover the same surface as the given ones, but are rounder.
 
 On stretched triangles marching is wrong by as much as the distances themselves. An intrinsic triangulation of the same
 surface has the same distances and better triangles: flips make it Delaunay, Steiner points mend what flips cannot
@@ -25,14 +25,14 @@ class Intrinsic:
     """An intrinsic triangulation."""
 
     half_edges: HalfEdges
-    changed: NDArray[np.uint8]  # (m,) 1 for each given face that is no more
+    changed: NDArray[np.uint8]  # (m,) 1 for each given face that flips or Steiner points replaced
 
 
 def intrinsic_triangulation(given: HalfEdges) -> Intrinsic:
-    """Return the triangulation that marching runs on; the given one itself where that is as good.
+    """Return the triangulation that marching runs on; the given one itself where it needs no change.
 
-    Vertices keep their numbers, Steiner points follow them. The worst corners are always refined; where many are thin
-    even after all flips, as on CAD models and steep height maps, every corner is.
+    Vertices keep their numbers; Steiner points follow them. Angles below `THIN_ANGLE` are always refined. Where many
+    are left after all flips, as on CAD models and steep height maps, all below `ROUND_ANGLE` are.
     """
     count = len(given.faces)
     lengths = mollified(given.lengths)
@@ -57,7 +57,7 @@ def _refined(
 ) -> tuple[HalfEdges, NDArray[np.uint8]]:
     """Refine until no angle is below `angle` degrees, as far as the number of Steiner points allows.
 
-    Room is made as it is needed: all that may come would be several times the mesh.
+    Arrays grow as points come: room for all that may come would be several times the mesh.
     """
     count, now, most = len(mesh[0]), vertices, vertices + int(MOST_STEINER * vertices) + STEINER_FLOOR
     narrow = _angle_sums(mesh[0], mesh[2], vertices) < np.radians(NARROW)

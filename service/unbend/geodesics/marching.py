@@ -22,7 +22,7 @@ KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)
 BUCKETS: Final = 1024  # a power of two; edges of up to 200 median ones find their own bucket
 PER_EDGE: Final = np.float32(5.0)
 
-_WAITING, _SEEDED, _SETTLED = 1, 2, 3  # what `queued` says of a vertex: in a bucket, or never to be again
+_WAITING, _SEEDED, _SETTLED = 1, 2, 3  # values of `queued`: waiting in a bucket, a seed, or final
 
 
 def front_arrays(count: int) -> tuple[np.ndarray, ...]:
@@ -108,7 +108,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             continue
 
         for block in range(first[v], first[v + 1]):
-            if settled or first[v + 1] - first[v] > 1:  # else they are those of the update
+            if settled or first[v + 1] - first[v] > 1:  # otherwise they are those of the update
                 for slot in range(SLOTS):
                     slots[A, slot] = values[corners[block, A, slot]]
                     slots[P, slot] = values[corners[block, P, slot]]

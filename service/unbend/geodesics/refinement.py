@@ -1,8 +1,8 @@
 """Intrinsic Delaunay refinement: Steiner points at the circumcentres of thin triangles (Chew 1993; Sharp et al. 2019).
 
 Where vertices are few and far apart, as on the faces of CAD models, even Delaunay triangles are thin, and a front that
-crosses them is known at too few places. New vertices make them round. They lie on the surface, at a place that lengths
-alone describe, and only marching sees them.
+crosses them is known at too few places. New vertices make the triangles round. They lie on the surface, at places that
+lengths alone describe, and only marching sees them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from unbend.geodesics.unfolding import apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import HOPELESS, REFINEMENT_STEPS
 
-_LOST = -1  # what `_walk` says of a circumcentre that it does not find
+_LOST = -1  # `_walk` returns this for a circumcentre that it does not find
 
 
 @inlined
@@ -32,7 +32,7 @@ def largest_cosine(a, b, c):
 def refine(mesh, face_count, vertex_count, most, bound, narrow, work, changed):
     """Insert vertices until no smallest angle has a cosine above `bound`, or there are `most` vertices.
 
-    The arrays of `mesh` have room for that. Triangles stay thin at vertices that are `narrow`, whatever is inserted.
+    The arrays of `mesh` have room for them. Thin triangles with their smallest angle at a `narrow` vertex stay.
     Returns the numbers of faces and vertices.
     """
     faces, _, lengths, _ = mesh
@@ -101,15 +101,15 @@ def _list_around(mesh, corner, vertex, todo, left):
 def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
     """Insert the circumcentre of `face`, or halve the boundary edge before it.
 
-    Refused is what would make an edge shorter than `shortest`. Delaunay triangles have no vertex nearer to a
-    circumcentre than their corners, so there only rounding does. Returns the face that was split, and the second new
-    one beside `new_face`; -1 where nothing was done.
+    Nothing is inserted where an edge would be shorter than `shortest`. No vertex is nearer to the circumcentre of a
+    Delaunay triangle than its corners, so at circumcentres only rounding makes such edges. Returns the face that was
+    split, and the second new face beside `new_face`; -1 for both where nothing was inserted.
     """
     _, twins, lengths, _ = mesh
     at, half_edge, d0, d1, d2 = _walk(mesh, face)
     if half_edge >= 0:
         middle = _median(lengths[half_edge], lengths[before(half_edge)], lengths[following(half_edge)])
-        if twins[half_edge] >= 0 or min(0.5 * lengths[half_edge], middle) < shortest:  # one of several faces stays
+        if twins[half_edge] >= 0 or min(0.5 * lengths[half_edge], middle) < shortest:  # an edge of several faces stays
             return _LOST, _LOST
         _halve_boundary(mesh, half_edge, new_face, new_vertex)
         return half_edge // 3, half_edge // 3
@@ -129,8 +129,8 @@ def _median(base, from_a, from_b):
 def _walk(mesh, face):
     """Walk in a straight line from the middle of `face` to its circumcentre.
 
-    Returns the face it lies in and its distances from that one's corners; or, where an edge that cannot be crossed
-    comes first, that half-edge instead of -1.
+    Returns the face that holds the circumcentre, -1, and the distances from the circumcentre to that face's corners. If
+    the walk meets an edge that cannot be crossed, it returns -1, that half-edge and zeros.
     """
     _, twins, lengths, free = mesh
     x, y = np.zeros(3), np.zeros(3)

@@ -1,10 +1,10 @@
 """The exact start of a front: shortest paths over the triangles around its source.
 
-A front is rounder near its source than any update allows for, and what is lost there is carried everywhere: marching
-from a point converges as h^0.67 where it starts with the point alone. So the triangles around the source are unfolded
-one after the other, nearest first, by windows and pseudo-sources as exact algorithms do (Chen & Han 1990, in the order
-and with the filter of Xin & Wang 2009), for a bounded number of events. Distances below the radius that they reach are
-exact and stay; others that were found are where marching begins.
+Near its source a front is rounder than any update allows for, and marching carries that error everywhere: if it starts
+with the source alone, it converges as h^0.67. So an exact algorithm goes first. It unfolds the triangles around the
+source, nearest first, by windows and pseudo-sources (Chen & Han 1990, in the order and with the filter of Xin & Wang
+2009), for a bounded number of events. Distances below the radius it reaches are exact and stay. Marching begins from
+these and the other distances found.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from unbend.tolerances import SADDLE, START_EVENTS
 
 _ROOM: Final = 16 * START_EVENTS  # for events; a source with more triangles starts with no distances that stay
 _NEW: Final = 16  # events that one event may make, where no more than eight triangles meet at an edge
-_NEARLY: Final = 1.1  # by measurement, what is found this little beyond the radius errs less than what marching finds
+_NEARLY: Final = 1.1  # measured: distances found this little beyond the radius err less than marching does
 _FILTERED: Final = 1.0 - 1e-6  # distances are kept in single precision
 _GRAZING: Final = 1e-6  # a ray that misses a vertex by this share of the distance meets it
 _STRAIGHT: Final = np.pi
@@ -27,9 +27,10 @@ _FLAT: Final = 2.0 * np.pi + SADDLE
 
 
 def start_arrays(count: int) -> tuple[np.ndarray, ...]:
-    """Return what `start_front` works on for `count` vertices.
+    """Return the arrays that `start_front` works on, for `count` vertices.
 
-    Seeds; of each event its half-edge and vertex, and its shape; a heap of events: keys and items; three counters.
+    They are the seeds, each event's half-edge and vertex, each event's shape, the keys and items of a heap of events,
+    and three counters.
     """
     return (
         np.empty(count, np.int32), np.empty((_ROOM, 2), np.int32), np.empty((_ROOM, 9)),
@@ -44,10 +45,10 @@ _EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in th
 def start_front(mesh, source, enough, wanted, horizon, value, start):
     """Set `value` along shortest paths from `source`; return how many vertices that reached, and the exact radius.
 
-    A *window* is a side (A, B) of a triangle, laid into the plane of the source or of a *pseudo-source*, a vertex where
-    shortest paths bend, with the rays between which that sees it. Windows go on over every other triangle at the side.
-    Vertices reached are listed in `seeds`. The search ends after `enough` events, or up to three times as many where it
-    has not come as far as the radius `wanted` by then; nothing beyond `horizon` is looked at.
+    A *pseudo-source* is a vertex where shortest paths bend. A *window* is a side (A, B) of a triangle, laid into the
+    plane of the source or of a pseudo-source, and the two rays between which that sees the side. Windows go on over
+    every other triangle at their side. The vertices reached are listed in `seeds`. The search ends after `enough`
+    events, or, below the radius `wanted`, after three times as many. It looks at nothing beyond `horizon`.
     """
     seeds, events, _, keys, items, counters = start
     around = mesh[5]
@@ -70,7 +71,7 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
                 sure = min(sure, key)
             done += _leave(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
-    if counters[_EVENTS] + _NEW > len(keys):  # some were not kept
+    if counters[_EVENTS] + _NEW > len(keys):  # some events found no room
         radius = 0.0
     return counters[_SEEDS], _NEARLY * min(radius, sure)
 
@@ -125,7 +126,7 @@ def _cross(mesh, event, value, start):
 
 @inlined
 def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x, left_y, before, value, start):
-    """Let the window over `half_edge` wait, unless paths along the side to its ends are shorter everywhere."""
+    """Queue the window over `half_edge`, unless paths by way of an end of that side are shorter everywhere."""
     _, twins, _, _, _, _ = mesh
     _, events, shapes, keys, items, counters = start
     ex, ey = bx - ax, by - ay
@@ -178,14 +179,14 @@ def _reach(vertex, distance, corner, turn, value, start):
 
 @inlined
 def _leave(mesh, event, distance, value, start):
-    """Go on from a vertex along its edges, and where paths bend at it as from a source; say whether they do.
+    """Go on from a vertex along its edges; where paths bend at it, go on as from a source. Return 1 if they do, else 0.
 
-    Rays that graze a vertex are lost to rounding, so that the edges behind it would not be seen.
+    Rounding loses rays that graze a vertex, so windows alone would miss the edges behind it.
     """
     faces, _, lengths, starts, corners, around = mesh
     events = start[1]
     vertex = events[event, 1]
-    if around[vertex] == np.inf:  # a boundary, or no single fan: into every triangle
+    if around[vertex] == np.inf:  # a boundary, or no single fan: paths may go into every triangle
         _open_fan(mesh, vertex, distance, value, start)
         return 1
     for index in range(starts[vertex], starts[vertex + 1]):
@@ -202,7 +203,7 @@ def _leave(mesh, event, distance, value, start):
 
 @inlined
 def _turn_back(mesh, corner, to_next, across, opposite):
-    """Angle in `corner` between its two sides, where it matters."""
+    """Angle in `corner` between its two sides; 0 at vertices where paths do not bend."""
     faces, around = mesh[0], mesh[5]
     saddle = around[faces[corner // 3, corner % 3]] > _FLAT and to_next > 0.0 and across > 0.0
     return _angle(to_next, across, opposite) if saddle else 0.0

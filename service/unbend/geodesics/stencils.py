@@ -10,8 +10,8 @@ Eight slots make a block, laid out so that one vector instruction takes a row of
 256 bytes. Empty slots refer to a vertex that no front reaches.
 
 Triangles are those of the intrinsic triangulation. Where it differs from the given one, given triangles take the slots
-that would be empty: both are triangulations of one surface, so each slot's distance is as true, the least of more slots
-errs less, and it costs nothing.
+that would be empty. Both triangulate the same surface, so all slots are valid; the least distance of more slots errs
+less, and costs nothing.
 
 Nothing here needs a manifold or an orientation: a triangle stands for itself, and over an edge of three faces
 or more the unfolding takes one of the other faces.
@@ -97,7 +97,7 @@ def stencils_of(surface: Surface) -> Stencils:
 def build_stencils(surface: Surface, *, intrinsic: bool = True) -> Stencils:
     """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the flips its triangles need.
 
-    Without `intrinsic` they are those of the given triangles alone: benchmarks measure what the others are worth.
+    Without `intrinsic` they are those of the given triangles alone, for benchmarks.
     """
     unit = _median_edge(surface)
     given = half_edges_of(surface, unit)
@@ -188,8 +188,8 @@ def _placed_corners(starts, around, order):
 def _angles_around(mesh, starts, around, rank_of):
     """Return the angle around each vertex.
 
-    It is inf where its corners are no single closed fan of free edges, and -1 where a side is too short, beside another
-    of its triangle, to tell angles by.
+    It is inf where the corners are no single closed fan of free edges, and -1 where a triangle has a side so short,
+    compared with the others, that its angles are rounding.
     """
     _, twins, lengths, free = mesh
     angles = np.zeros(len(starts) - 1)
@@ -310,10 +310,10 @@ def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
 
 @kernel
 def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes, filled):
-    """Put given triangles that are no more into slots that are empty.
+    """Put given triangles that were replaced into empty slots.
 
-    Those come first whose A is no neighbour any more, so that fronts may go along given edges; then those that see the
-    farthest.
+    Triangles whose A is no longer a neighbour come first, so that fronts may go along given edges; then those whose P
+    is farthest.
     """
     touched = _touched(mesh, changed, len(order))
     ends, places = np.empty((_MOST_TRIED, 3), np.int32), np.empty((_MOST_TRIED, 5), np.float32)

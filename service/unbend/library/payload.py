@@ -73,7 +73,7 @@ def unpack_signature(data: bytes) -> Signature:
             descriptors={name: file[f"descriptors/{name}"] for name in names},
             parameters=Parameters.from_dict(about["parameters"]),
             version=about["version"],
-            warnings=tuple(about.get("warnings", ())),  # older ones have none
+            warnings=tuple(about.get("warnings", ())),  # signatures of earlier versions have none
         )
 
 

@@ -109,7 +109,7 @@ def rank(store: Store, index: VectorIndex, query: Signature | str, asked: Questi
 
 
 def _compared_with(store: Store, query: Signature | str, measure: VectorMeasure) -> tuple[IndexKey, int, Sequence[str]]:
-    """Return what a query is compared with, its own place in the order of adding, 0 where it has none, its warnings."""
+    """Return what a query is compared with, its place in the order of adding (0 if not stored), and its warnings."""
     if isinstance(query, Signature):
         return IndexKey(measure, query.parameters.to_json(), query.version), 0, query.warnings
     with store.read() as connection:  # of its own, for the index must see the store no earlier than others did

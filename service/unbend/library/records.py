@@ -27,7 +27,7 @@ class ShapeRecord:
     stress: float
     report: dict[str, Any]
     warnings: list[str]
-    """Why its signature may not be what it should, and what to do."""
+    """Sentences that say why its signature may be wrong, and what to do."""
     created_at: datetime
     seq: int
 
@@ -74,7 +74,7 @@ class JobRecord:
     finished_at: datetime | None
     seq: int
     warnings: list[str] = field(default_factory=list)
-    """Those of its signature, once it has succeeded."""
+    """Warnings of its signature, once it has succeeded."""
     detail: dict[str, float] = field(default_factory=dict)
     """What the stage tells of itself while the job runs; not stored."""
 

@@ -54,7 +54,7 @@ def drop_repeats(faces: Ints, vertex_count: int, report: MeshReport) -> tuple[In
 
 
 def find_repeats(faces: Ints, vertex_count: int) -> tuple[Bools, Bools]:
-    """Tell which of `faces` (m, 3) repeat a vertex, and which others have the corners of an earlier one; each (m,)."""
+    """Say which `faces` (m, 3) repeat a vertex, and which others have the corners of an earlier face; each (m,)."""
     a, b, c = faces.T
     twice: Bools = (a == b) | (b == c) | (c == a)
     again: Bools = ~twice & (equal_faces(faces, vertex_count) != np.arange(len(faces)))

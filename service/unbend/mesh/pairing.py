@@ -1,4 +1,4 @@
-"""Which boundary edges at one place are two sides of a seam."""
+"""Finding the boundary edges that are two sides of a seam."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Rims:
 
     @classmethod
     def of(cls, surface: Surface) -> Self:
-        """Return those of a surface."""
+        """Return the boundary half-edges of `surface`."""
         half_edge = surface.edges.order[surface.edges.starts[surface.edges.counts == 1]]
         return cls(half_edge, *corners_of(surface.faces.ravel(), half_edge))
 
@@ -71,10 +71,10 @@ class Joins:
 def joins_between(surface: Surface, rims: Rims, places: Ints, *, soup: bool, misoriented: bool) -> Joins:
     """Return the pairs of `rims` to join; `places` names the place of each vertex, (n,) int32.
 
-    Two alone at their place are a pair if they run in opposite directions, or with `misoriented` in any. More of them
-    are paired around the edge, so that each pair bounds what is solid between its faces; what finds no partner stays
-    alone. In a `soup` that is so if as many run one way as the other, and else all at one place are joined. Faces
-    that lie on each other never are.
+    In a `soup` no two faces share an edge. Two half-edges alone at their place are a pair if they run in opposite
+    directions; with `misoriented` or in a soup, whatever their directions. Three or more are paired around the
+    edge, so that each pair bounds the solid between its faces; one without a partner stays alone. A soup is different
+    where more run one way than the other: all at that place are joined. Faces that lie on each other are never joined.
     """
     tails, heads = places[rims.tail], places[rims.head]
     order = _sorted_by(np.maximum(tails, heads), np.arange(len(rims), dtype=np.int32), len(places))
@@ -119,9 +119,9 @@ def _sorted_by(ends: Ints, before: Ints, count: int) -> Ints:
 
 @kernel
 def _groups(tails: Ints, heads: Ints, order: Ints) -> tuple[Ints, Ints, Ints]:
-    """Tell of each group of half-edges at one place where it begins in `order` and how many it has.
+    """Return where each group of half-edges at one place begins in `order`, and how many it has.
 
-    The third array says how many more of them run from the lower place to the higher than back.
+    The third array says how many more of them run from the lower place to the higher one than back.
     """
     starts, counts, balance = np.empty_like(order), np.zeros_like(order), np.zeros_like(order)
     groups, low, high = 0, -1, -1
@@ -157,7 +157,7 @@ def _joins(pairs: Ints, half_edge: Ints, tail: Ints, head: Ints, apex: Ints, pla
 
 @kernel
 def _chained(order: Ints, starts: Ints, counts: Ints) -> Ints:
-    """Return each member of each group with the one after it, (k, 2) int32."""
+    """Return each member of a group with the one after it, (k, 2) int32."""
     pairs = np.empty((counts.sum() - len(counts), 2), np.int32)
     count = 0
     for group in range(len(starts)):
@@ -190,7 +190,7 @@ def _angles_around(surface: Surface, rims: Rims, places: Ints) -> Floats:
     tails, heads = places[rims.tail], places[rims.head]
     low, high = points[np.minimum(tails, heads)], points[np.maximum(tails, heads)]
     axis = high - low
-    with np.errstate(invalid="ignore"):  # an edge may be too short, beside the surface, to have a direction
+    with np.errstate(invalid="ignore"):  # an edge may be too short, compared with the surface, to have a direction
         axis = axis / np.abs(axis).max(axis=1, keepdims=True)
     across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
     up = np.cross(axis / np.linalg.norm(axis, axis=1)[:, None], across)
@@ -200,7 +200,7 @@ def _angles_around(surface: Surface, rims: Rims, places: Ints) -> Floats:
 
 
 def _signed_volume(surface: Surface) -> float:
-    """Return the volume that faces enclose, above 0 where they run counterclockwise seen from outside."""
+    """Return the volume that faces enclose, positive where they run counterclockwise seen from outside."""
     used = surface.vertices[surface.used_vertices] / surface.scale
     a, b, c = np.moveaxis(surface.vertices[surface.faces] / surface.scale - used.mean(axis=0), 1, 0)
     return float((np.cross(a, b) * c).sum())
@@ -208,10 +208,10 @@ def _signed_volume(surface: Surface) -> float:
 
 @kernel
 def _match_around(angles: Floats, solid_ends: Bools, begins: Ints, counts: Ints, same: float, partner: Indices) -> None:
-    """Pair the faces where something solid begins with those where it ends, counterclockwise; `partner` is (k,).
+    """Pair each face where a solid begins, counterclockwise, with the one where it ends; write into `partner` (k,).
 
-    At one angle what ends comes before what begins. Members of a group come in the order of the file, and of faces
-    at one angle the last that began is the first that ends: sheets that lie on each other each close with themselves.
+    At one angle, ends come before beginnings. Members of a group come in the order of the file, and of faces at one
+    angle the last to begin is the first to end. So sheets that lie on each other each close with themselves.
     """
     for group in range(len(begins)):
         begin, count = begins[group], counts[group]

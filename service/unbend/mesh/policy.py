@@ -39,8 +39,8 @@ class MeshPolicy(JsonObject):
         Rounds of smoothing (Taubin 1995), 0 to 100, that take noise off; indices stay. It comes before links and
         simplification, so that these see the shape and not the noise.
     seams : {"stitch", "keep"}, default "stitch"
-        Join boundary edges whose ends coincide, as files have them where normals or texture coordinates jump; or leave
-        the surface cut there. The surface then has one vertex for the copies of one, and its `vertex_map` says which.
+        Join boundary edges whose ends coincide: files split vertices where normals or texture coordinates jump. The
+        copies of a vertex become one, and `vertex_map` says which. Or leave the surface cut there.
 
     Raises
     ------

@@ -34,10 +34,10 @@ def repair(
     """Return the surface that raw `vertices` (n, 3) and `faces` (m, 3) describe.
 
     Faces that use a coordinate that is not finite, repeat a vertex or repeat another face are dropped, and
-    `policy` says what happens to seams, to further components, to noise and to a mesh of many vertices. Vertices stay
-    as they are, except where seams are joined or the policy asks for fewer: then the surface's `vertex_map` says where
-    they went. Nor are they moved, except by simplifying and by smoothing; of the copies that a seam joins, the first
-    gives the place. `notes` are sentences for the report: what the file's reader skipped.
+    `policy` says what happens to seams, to further components, to noise and to a mesh of many vertices. Vertices keep
+    their numbers, except where seams are joined or the mesh is simplified: then the surface's `vertex_map` says where
+    they went. Only smoothing and simplifying move vertices; joined copies take the place of the first. `notes` are
+    sentences for the report on what the file's reader skipped.
 
     Raises
     ------
@@ -60,19 +60,20 @@ def repair(
 
 
 def _stitched(surface: Surface, policy: MeshPolicy) -> Surface:
-    """Join seams where wanted, and count the vertices that are at the place of another after that."""
+    """Join seams where the policy says so, and count the vertices that are still at the place of another."""
     places = equal_points(surface.vertices).astype(np.int32)
     result = stitched(surface, places) if policy.seams == "stitch" else surface
     if result.vertex_map is not None:
         first = np.empty(len(result.vertices), np.int64)
-        first[result.vertex_map[::-1]] = np.arange(len(places))[::-1]  # the lowest copy is written last
+        # where indices repeat, the last value written stays: the lowest copy
+        first[result.vertex_map[::-1]] = np.arange(len(places))[::-1]
         places = places[first]
     taken = np.zeros(len(surface.vertices), bool)
     taken[places[result.used_vertices]] = True
     report = result.report.adding(coincident_vertices=len(result.used_vertices) - int(taken.sum()))
     if report.seam_tolerance is not None:
         gap = f"{report.seam_tolerance:.3g}"
-        report = report.adding(f"ends of edges were joined that lie up to {gap} apart: they differ in the last digits")
+        report = report.adding(f"ends of edges up to {gap} apart were joined: they differ in the last digits")
     return result.with_report(report)
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 class MeshReport:
     """Counts of what a mesh held, before repair, and in `notes` one sentence for each thing found or done.
 
-    Faces are counted as they were given, and so is what makes a face useless. Edges, loops, fans and orientation
+    Faces, and what makes a face useless, are counted in the mesh as it was given. Edges, loops, fans and orientation
     are those of the faces kept, with seams joined, before smoothing, links and simplification.
     """
 
@@ -33,7 +33,7 @@ class MeshReport:
     zero_area_faces: int = 0
     """Faces of three different vertices that lie on a line; kept, for they may connect others."""
     coincident_vertices: int = 0
-    """Used vertices at the very place of a used one with a lower index, after stitching; kept apart."""
+    """Used vertices with the coordinates of a used vertex of lower index, after stitching; kept apart."""
     boundary_loops: int = 0
     """Rings of boundary edges, around holes or the whole surface."""
     nonmanifold_vertices: int = 0
@@ -61,11 +61,11 @@ class MeshReport:
     seams: int = 0
     """Pairs of boundary edges at one place that were joined."""
     seam_tolerance: float | None = None
-    """How far apart the ends of joined edges may have been, in units of the mesh; None where they were equal."""
+    """Largest distance allowed between ends that were joined, in units of the mesh; None where all were equal."""
     area_kept: float = 1.0
-    """Share of the area in the component that was kept; 1 where all are."""
+    """Share of the area in the component that was kept; 1 where all components were."""
     warnings: tuple[str, ...] = ()
-    """Why the surface may not be what the file's owner means, and what to do, a sentence each."""
+    """Sentences that say why the surface may not be what the file's owner means, and what to do."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON values."""

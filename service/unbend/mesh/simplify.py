@@ -127,5 +127,5 @@ def _restored(vertices: Floats, points: Floats, into: Indices) -> Floats:
 
 
 def through(first: Indices, second: Indices) -> Indices:
-    """Follow one map after another; what has no place in the first has none."""
+    """Follow one map after another: -1 in the first stays -1."""
     return np.where(first >= 0, second[first], -1)

@@ -1,4 +1,4 @@
-"""Joining the two sides of a seam, where a file has an edge twice and its vertices in copies."""
+"""Joining the two sides of a seam: a file has an edge there twice, between copies of its vertices."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from unbend.mesh.surface import Surface
 from unbend.mesh.topology import find_edges
 from unbend.tolerances import SEAM_EDGES, SEAM_GAP
 
-_GENTLE_TURNS: Final = 16  # that take back as few joins as they can; what is spoilt then is taken apart
+_GENTLE_TURNS: Final = 16  # rounds that take back as few joins as they can; later ones take back all at a spoilt edge
 
 
 @dataclass(frozen=True, eq=False)
 class _Seams:
-    """The joins, and for each vertex the lowest of those joined with it, (n,) int32."""
+    """Joins, and for each vertex the lowest of those joined with it, (n,) int32."""
 
     joins: Joins
     into: Ints
@@ -30,7 +30,7 @@ class _Seams:
 
 @dataclass(frozen=True, eq=False)
 class _Spoilt:
-    """Half-edges, (k, 2) vertices, of edges that joins spoil, and which edge each is of, (k,), in rising order."""
+    """Half-edges of edges that joins spoil, as vertices (k, 2), and the number of each one's edge, (k,), rising."""
 
     ends: Ints
     edge: Indices
@@ -39,13 +39,13 @@ class _Spoilt:
 def stitched(surface: Surface, places: Ints) -> Surface:
     """Join boundary edges of `surface` whose ends coincide, in pairs, and so the copies of their vertices.
 
-    `places` names for each vertex the first one with the same coordinates, (n,) int32. Joined are edges that run in
-    opposite directions: first those whose ends are equal bit for bit, then those whose ends differ in the last digits.
-    Then come edges of faces that run around in different directions. No join makes an edge of more than two faces,
-    except where no two faces of the mesh share an edge: such a file cannot say what hangs together. Vertices that
-    touch without a joined edge stay apart.
+    `places` names for each vertex the first one with the same coordinates, (n,) int32. Edges that run in opposite
+    directions are joined: first those whose ends are equal bit for bit, then those whose ends differ in the last
+    digits. Last come edges of faces that run around in different directions. No join makes an edge of more than two
+    faces, except in a soup, where no two faces share an edge: it does not say which faces belong together. Vertices
+    that touch without a joined edge stay apart.
 
-    The result has the lowest copy of each vertex, in the same order; `vertex_map` says where the others went. It is
+    The result keeps the lowest copy of each vertex, in the same order. `vertex_map` says where each vertex went; it is
     None where nothing was joined.
     """
     if surface.edges.boundary == 0:
@@ -56,7 +56,7 @@ def stitched(surface: Surface, places: Ints) -> Surface:
     seams = _joining(nothing, surface, places, soup)
     near = _near_places(surface, _left(surface, seams), places)
     if near is not places:
-        if soup:  # of which further faces may repeat each other: begin again without them
+        if soup:  # more of its faces may repeat each other now: begin again without them
             surface, seams = _without_loose_repeats(surface, near, soup), nothing
         seams = _joining(seams, surface, near, soup)
     if not soup:
@@ -68,7 +68,7 @@ def stitched(surface: Surface, places: Ints) -> Surface:
 
 
 def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surface:
-    """Drop faces that have a place twice and hang on nothing; of a soup also those at the places of another."""
+    """Drop faces that have a place twice and share no edge; in a soup also faces at the places of another."""
     loose = np.flatnonzero(_loose(surface))
     twice, again = find_repeats(places[surface.faces[loose]], len(places))
     dropped = twice | again if soup else twice
@@ -83,7 +83,7 @@ def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surfac
 
 
 def _loose(surface: Surface) -> Bools:
-    """Tell which faces share no edge with another, (m,)."""
+    """Say which faces share no edge with another, (m,)."""
     rims = np.zeros(3 * len(surface.faces), bool)
     rims[Rims.of(surface).half_edge] = True
     loose: Bools = np.logical_and.reduce(rims.reshape(-1, 3), axis=1)
@@ -96,7 +96,7 @@ def _left(surface: Surface, seams: _Seams) -> Rims:
 
 
 def _joining(seams: _Seams, surface: Surface, places: Ints, soup: bool, *, misoriented: bool = False) -> _Seams:
-    """Return `seams` with what else `places` allow to be joined."""
+    """Return `seams` with the further joins that `places` allow."""
     new = joins_between(surface, _left(surface, seams), places, soup=soup, misoriented=misoriented)
     gentle_turns = _GENTLE_TURNS
     while len(new):
@@ -111,9 +111,10 @@ def _joining(seams: _Seams, surface: Surface, places: Ints, soup: bool, *, misor
 
 
 def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools:
-    """Tell which `joins` to take back, (k,): of each spoilt edge the end that has fewest, or all at all its ends.
+    """Say which `joins` to take back, (k,).
 
-    Where no end has any, those at the other copies of its ends.
+    `gently`, these are the joins at the end of each spoilt edge that has fewest; otherwise those at all its ends.
+    Where no end has a join, they are those at the other copies of its ends.
     """
     ends, marked = joins.ends.reshape(-1, 4), np.zeros(len(into), bool)
     if gently:
@@ -133,7 +134,7 @@ def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools
 
 
 def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
-    """Return edges that `into` lets vanish, or makes one edge of more than two faces."""
+    """Return the edges that lose their length by `into`, or become one edge of more than two faces."""
     merged = into[faces]
     edges = find_edges(merged, len(into))
     suspect = edges.order[np.repeat(edges.counts > 2, edges.counts)]
@@ -157,7 +158,7 @@ def _edge_keys(ends: Ints, count: int) -> Indices:
 
 
 def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
-    """Return `places` with those of the rims that lie within the tolerance of each other made one."""
+    """Return `places`, with places of the rims that lie within the tolerance of each other made one."""
     tolerance = SEAM_GAP * surface.extent
     on_rims = np.zeros(len(places), bool)
     on_rims[places[rims.tail]] = on_rims[places[rims.head]] = True
@@ -166,7 +167,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     if len(ends) < 2:
         return places
     points = (surface.vertices[ends] - surface.vertices[ends].min(axis=0)) / tolerance
-    # All points of a cell are near each other. Its first one stands for it, so that crowds make no crowd of pairs.
+    # All points of a cell are near each other. Only its first point looks for pairs, so that crowds do not make many.
     cells = np.floor(points * 3**0.5).astype(np.int64) @ (1 << np.array([0, 21, 42]))
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     pairs = first[cKDTree(points[first]).query_pairs(1.0, output_type="ndarray")]
@@ -175,7 +176,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     into = np.arange(len(places), dtype=np.int32)
     within = np.stack([np.arange(len(ends)), first[cell]], axis=1)
     _unite(ends[np.concatenate([within, pairs])][:, None], into)
-    # Crowds may make chains: what is farther from the first of them than half the tolerance stays for itself.
+    # Crowds may make chains: a point farther from the first of its chain than half the tolerance stays alone.
     apart = (surface.vertices[ends] - surface.vertices[into[ends]]) / tolerance
     alone = ends[(apart**2).sum(axis=1) > 0.25]
     into[alone] = alone
@@ -184,7 +185,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
 
 
 def _shortest_edges(surface: Surface, ends: Indices, places: Ints) -> Floats:
-    """Return for each of the places `ends` the length of its shortest edge to another place, (k,)."""
+    """Return the length of the shortest edge from each of the places `ends` to another place, (k,)."""
     wanted = np.zeros(len(places), bool)
     wanted[ends] = True
     corners = places[surface.faces]
@@ -206,7 +207,7 @@ def _adopted(into: Ints, whole: Surface, surface: Surface, places: Ints) -> Ints
     if len(lost) == 0:
         return into
     at_place = np.full(len(places), -1, np.int32)
-    used = surface.used_vertices[::-1]  # of several the lowest is written last
+    used = surface.used_vertices[::-1]  # the last value written stays: the lowest vertex
     at_place[places[used]] = used
     heirs, into = at_place[places[lost]], into.copy()
     _unite(np.stack([lost, heirs], axis=1).astype(np.int32)[heirs >= 0][:, None], into)
@@ -223,7 +224,7 @@ def _compact(surface: Surface, into: Ints) -> Surface:
 
 @kernel
 def _unite(ends: Ints, into: Ints) -> None:
-    """Join the pairs of vertices `ends` (k, e, 2), and let `into` (n,) name the lowest of each set."""
+    """Join the pairs of vertices `ends` (k, e, 2): `into` (n,) then names the lowest vertex of each set."""
     for i in range(len(ends)):
         for end in range(ends.shape[1]):
             join(into, ends[i, end, 0], ends[i, end, 1])

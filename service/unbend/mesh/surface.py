@@ -35,8 +35,8 @@ class Surface:
     report : MeshReport
         What reading found and repaired; empty for a surface made in memory.
     vertex_map : (k,) int64, optional
-        For each of the k vertices of the mesh as it was given its vertex here, -1 where it has none: seams were
-        joined, or the mesh simplified. None where vertices are those of the mesh.
+        The vertex here of each of the k vertices of the given mesh, -1 where it has none. None where no seam was
+        joined and the mesh was not simplified: then the vertices are those of the mesh.
 
     Raises
     ------

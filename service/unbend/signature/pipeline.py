@@ -133,7 +133,7 @@ def compute_signature(
 
 
 def _doubts(asymmetry: float) -> tuple[str, ...]:
-    """Return a warning where distances contradict each other: right ones are the same in both directions."""
+    """Return a warning where distances contradict each other: right distances are equal in both directions."""
     sentence = (
         f"distances may be wrong: measured from both ends, some differ by {asymmetry:.0%} of the largest; needles and "
         "vertices where separate parts touch do that: remesh the surface, or simplify it with `max_vertices`"

@@ -37,7 +37,7 @@ class Signature:
     parameters: Parameters = field(default_factory=Parameters)
     version: str = ALGORITHM_VERSION
     warnings: tuple[str, ...] = ()
-    """Why it may not be what it should, and what to do, a sentence each; those of reading the surface come first."""
+    """Sentences that say why the signature may be wrong, and what to do; those of reading the surface come first."""
 
     def __post_init__(self) -> None:
         kinds = {"points": np.float64, "faces": np.int32, "samples": np.int64, "weights": np.float64}

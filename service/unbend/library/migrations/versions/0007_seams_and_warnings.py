@@ -1,4 +1,4 @@
-"""Seams and warnings: what is stored so far was read without stitching, and its policy says so; nothing warned."""
+"""Seams and warnings: stored meshes were read without stitching, and their policy now says so; they warn of nothing."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -14,7 +14,7 @@ BEFORE, KEPT, STITCHED = (f'{text},"smooth":' for text in ("", ',"seams":"keep"'
 
 
 def upgrade() -> None:
-    # stl files, which share no vertices, were welded: stitching is what comes nearest to that.
+    # stl files share no vertices, so they were welded: stitching comes nearest to that.
     told = sa.cast(SIGNATURES.c.report, sa.String()).contains('"file_type": "stl"', autoescape=True)
     for table, welded in ((SIGNATURES, told), (JOBS, JOBS.c.file_type == "stl")):
         op.add_column(table.name, sa.Column("warnings", sa.JSON(), nullable=False, server_default="[]"))

@@ -63,7 +63,7 @@ STEINER_FLOOR: Final = 2000
 """Steiner points that every surface may have, because CAD models have few vertices."""
 
 HOPELESS: Final = 1e-3
-"""A triangle whose shortest side is less than this share of its longest is not refined: it takes thousands of points."""
+"""A triangle whose shortest side is below this share of its longest is not refined: that takes thousands of points."""
 
 REFINEMENT_STEPS: Final = 200
 """Most triangles crossed in search of a circumcentre. It is far from its triangle only at first."""

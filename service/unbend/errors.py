@@ -11,6 +11,9 @@
     ├── StoreError                the library's store
     │   ├── NotFoundError         no such record
     │   ├── StoreVersionError     the store was made by another version
+    │   ├── StoreFullError        its disk has no room
+    │   ├── StoreLostError        its file was removed or replaced
+    │   ├── StoreInUseError       another server runs its jobs
     │   └── BackupError           a file is no whole library
     ├── JobError                  why a job did not give a result
     │   ├── JobTimeoutError       it ran longer than allowed
@@ -23,9 +26,11 @@
     │   ├── ScopeError            the key may only read
     │   ├── OriginError           another web site's page sent it
     │   └── ExposedError          others could reach the service, and nothing asks them for a key
+    ├── AddressError              the service cannot listen where it should
     ├── RateLimitError            too many calls in a minute
     ├── UploadTooLargeError       more bytes than the service takes
     ├── UploadTooSlowError        its bytes did not come in time
+    ├── TemporaryFullError        the disk for temporary files has no room
     ├── BusyError                 too much at a time
     ├── QueueFullError            too many jobs wait already
     └── ServiceError              the service answered with a problem, or not at all
@@ -120,6 +125,27 @@ class StoreVersionError(StoreError):
     advice = "Open it with the version of unbend that made it, or a newer one."
 
 
+class StoreFullError(StoreError):
+    """The disk that holds the store has no room."""
+
+    code = "store_full"
+    advice = "Remove shapes that are not needed, or give the library's disk more room."
+
+
+class StoreLostError(StoreError):
+    """The store's file was removed, or another one was put in its place, while it was open."""
+
+    code = "store_lost"
+    advice = "Put the library's file back and restart the server; `unbend restore` replaces a library in use safely."
+
+
+class StoreInUseError(StoreError):
+    """Another server runs the jobs of this library."""
+
+    code = "store_in_use"
+    advice = "Stop the other server first, or give this one a library of its own."
+
+
 class BackupError(StoreError):
     """A file that should be a library, or the backup of one, is not, or is damaged."""
 
@@ -202,6 +228,13 @@ class ExposedError(AccessError):
     advice = "Make a key with `unbend keys create`, or say --open if others may read and write."
 
 
+class AddressError(UnbendError):
+    """The service cannot listen at the address it was given."""
+
+    code = "address"
+    advice = "Stop what listens there already, or choose another --port."
+
+
 class RateLimitError(UnbendError):
     """More calls in a minute than the service takes; try again after `retry_after` seconds."""
 
@@ -225,6 +258,13 @@ class UploadTooSlowError(UnbendError):
 
     code = "upload_too_slow"
     advice = "Send it again over a better line, or a smaller file."
+
+
+class TemporaryFullError(UnbendError):
+    """The disk for temporary files has no room for a request's body."""
+
+    code = "temporary_full"
+    advice = "Give the folder for temporary files (TMPDIR) more room, or send a smaller file."
 
 
 class BusyError(UnbendError):

@@ -6,12 +6,14 @@ import os
 import signal
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from server import is_running
+from server import children, is_running
 from unbend.errors import ParameterError, WorkerLostError
 from unbend.jobs.limits import limit_process
 from unbend.jobs.process import WorkerProcess, tell
@@ -76,7 +78,7 @@ def test_what_does_not_travel_is_an_error_and_no_end(worker, function):
     assert worker.run(os.getpid, ()) == pid
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
 def test_one_that_dies_is_lost_and_another_takes_its_place(worker, number):
     pid = worker.run(os.getpid, ())
     with pytest.raises(WorkerLostError):
@@ -130,3 +132,79 @@ def test_a_kill_before_it_begins_is_not_forgotten(worker):
         worker.run(os.getpid, ())
     worker.prepare()
     assert worker.run(os.getpid, ())
+
+
+def wait_for(path: Path) -> int:
+    """End when somebody has made a file: so that a test knows what a worker is doing, and it what the test wants."""
+    while not path.exists():
+        time.sleep(0.01)
+    return os.getpid()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_to_end_is_left_to_the_server(worker, tmp_path, number):
+    pid = worker.run(os.getpid, ())
+    with ThreadPoolExecutor(1) as threads:
+        running = threads.submit(worker.run, wait_for, (tmp_path / "go on",))
+        os.kill(pid, number)
+        (tmp_path / "go on").touch()
+        assert running.result(PATIENCE) == pid
+
+
+def starting(worker: WorkerProcess, threads: ThreadPoolExecutor) -> tuple[Future[int], int]:
+    """A worker that was given a first function, and the process that starts for it."""
+    before = set(children(os.getpid()))
+    running = threads.submit(worker.run, os.getpid, ())
+    end = time.monotonic() + PATIENCE
+    while not (found := set(children(os.getpid())) - before):
+        assert time.monotonic() < end
+    return running, found.pop()
+
+
+@pytest.fixture
+def threads():
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+def test_a_signal_to_end_is_left_to_the_server_while_a_worker_starts(threads):
+    process = WorkerProcess(partial(limit_process, None))
+    try:
+        running, pid = starting(process, threads)
+        while not running.done():
+            os.kill(pid, signal.SIGTERM)
+            time.sleep(0.01)
+        assert running.result(PATIENCE) == pid
+    finally:
+        process.end()
+
+
+def test_one_that_stands_still_with_nothing_to_do_is_replaced():
+    process = WorkerProcess(partial(limit_process, None), answer_seconds=0.5)
+    try:
+        pid = process.run(os.getpid, ())
+        os.kill(pid, signal.SIGSTOP)
+        assert process.run(os.getpid, ()) != pid
+        assert not is_running(pid)
+    finally:
+        process.end()
+
+
+def test_one_that_stands_still_while_it_starts_is_replaced(threads):
+    process = WorkerProcess(partial(limit_process, None), silent_seconds=8.0)
+    try:
+        running, pid = starting(process, threads)
+        os.kill(pid, signal.SIGSTOP)
+        assert running.result(PATIENCE) != pid
+        assert not is_running(pid)
+    finally:
+        process.end()
+
+
+def test_one_that_takes_long_to_start_is_not_replaced(threads):
+    process = WorkerProcess(partial(time.sleep, 10.0), silent_seconds=8.0)
+    try:
+        running, pid = starting(process, threads)
+        assert running.result(PATIENCE) == pid
+    finally:
+        process.end()

@@ -11,7 +11,7 @@ from sqlalchemy import Connection
 
 from store import insert
 from unbend import Library
-from unbend.errors import NotFoundError
+from unbend.errors import NotFoundError, StoreFullError
 from unbend.library.writer import Writer
 
 
@@ -86,3 +86,37 @@ def test_what_was_asked_for_before_the_end_is_made(library):
     writer.close()
     assert all(future.done() for future in futures)
     assert len(library) == 200
+
+
+def fill(connection: Connection, name: str) -> str:
+    """Store more than the database may have: SQLite then undoes the whole transaction, as where a disk is full."""
+    pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
+    connection.exec_driver_sql(f"PRAGMA max_page_count = {pages + 4}")
+    try:
+        return put(connection, name + "x" * 2**20)
+    finally:
+        connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
+
+
+def test_a_full_disk_undoes_the_change_that_does_not_fit_and_no_other(library, writer):
+    held, go_on = threading.Event(), threading.Event()
+
+    def hold(_: Connection) -> None:
+        held.set()
+        assert go_on.wait(10)
+
+    begun = writer.submit(hold)
+    assert held.wait(10)
+    changes = [fill if number % 3 == 1 else put for number in range(9)]
+    waiting = [writer.submit(partial(change, name=f"n{number}")) for number, change in enumerate(changes)]
+    go_on.set()
+    begun.result(10)
+    for number, future in enumerate(waiting):
+        if number % 3 == 1:
+            with pytest.raises(StoreFullError):
+                future.result(10)
+        else:
+            assert library.get(future.result(10)).name == f"n{number}"
+    assert names(library) == [f"n{number}" for number in range(9) if number % 3 != 1]
+    writer.submit(partial(put, name="after")).result(10)
+    assert names(library)[-1] == "after"

@@ -36,6 +36,9 @@ _PORT: Final = re.compile(r":\d*$")
 _MOST_HOSTS: Final = 1024
 """Of which it is remembered what they are: every request asks of its own, and most are the same."""
 
+_FORWARDED: Final = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-real-ip")
+"""Headers by which a proxy tells for whom it calls."""
+
 _READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -131,9 +134,11 @@ class Access:
 def _is_local(scope: Scope, headers: Headers) -> bool:
     """Whether a call came from this machine to this machine, by a name of this machine.
 
-    A proxy on this machine tells another client, and a page whose site's name was made to lead here another host.
+    A proxy on this machine tells of another client, and a page whose site's name was made to lead here another host.
     A server that has a name for an address listens nowhere: the call was made within the process.
     """
+    if any(name in headers for name in _FORWARDED):
+        return False
     (here, _), (client, _) = scope.get("server") or ("", None), scope.get("client") or ("", None)
     if here and "/" not in here and not _is_address(here):
         return True

@@ -29,6 +29,7 @@ from unbend.api.waits import Waits
 from unbend.jobs import JobRunner
 from unbend.jobs.observer import Observers
 from unbend.library import Library
+from unbend.library.lease import Lease
 
 if TYPE_CHECKING:
     from unbend.api.traces import Traces
@@ -40,11 +41,19 @@ Ask `POST /v1/queries` what a mesh is and which stored shapes are like it, whate
 """
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, lease: Lease | None = None) -> FastAPI:
     """Return the service as an ASGI application.
 
     The library is opened, and workers started, when the application starts up. /docs and /redoc need nothing
     from elsewhere.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        From the environment by default.
+    lease : Lease, optional
+        On the settings' library; taken when the application starts up by default. StoreInUseError is raised there if
+        another server has it.
     """
     chosen = settings or Settings()
     metrics = Metrics()
@@ -53,7 +62,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        held = lease or Lease(chosen.library)
         library = Library(chosen.library)
+        library.store.reserve(chosen.reserve_bytes)
         runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
         app.state.service = Service(chosen, library, runner, metrics, Waits(chosen.max_waiting))
         await runner.start()
@@ -62,6 +73,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         finally:
             await runner.stop()
             library.close()
+            held.close()
             if traces:
                 await asyncio.to_thread(traces.close)
 

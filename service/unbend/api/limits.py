@@ -5,14 +5,17 @@ from __future__ import annotations
 import asyncio
 import sys
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final, cast
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from unbend.api.problems import Problem, answer, headers_of, of_error, of_status, respond
-from unbend.errors import BusyError, UnbendError, UploadTooLargeError, UploadTooSlowError
+from unbend.errors import BusyError, StoreError, UnbendError, UploadTooLargeError, UploadTooSlowError
+
+if TYPE_CHECKING:
+    from unbend.api.service import Service
 
 RETRY_SECONDS: Final = 5
 
@@ -57,8 +60,8 @@ class BodyLimit:
         if scope["type"] != "http" or not has_body(scope):
             await self._app(scope, receive, send)
             return
-        if _announced(Headers(scope=scope)) > self._limits.each:
-            await respond(self._too_large())(scope, receive, send)
+        if refused := self._refused(scope):
+            await respond(refused)(scope, receive, send)
             return
         loop = asyncio.get_running_loop()
         end = loop.time() + self._limits.seconds
@@ -94,6 +97,19 @@ class BodyLimit:
             await self._app(scope, counting, watching)
         finally:
             self._held -= received
+
+    def _refused(self, scope: Scope) -> UnbendError | None:
+        """Return what stands against a body before a byte of it is read."""
+        headers = Headers(scope=scope)
+        announced = _announced(headers)
+        if announced > self._limits.each:
+            return self._too_large()
+        if _is_upload(headers):
+            try:
+                cast("Service", scope["app"].state.service).library.store.admit(announced)
+            except StoreError as error:
+                return error
+        return None
 
     def _too_large(self) -> UploadTooLargeError:
         return UploadTooLargeError(f"the request has more than {self._limits.each // 2**20} megabytes")
@@ -139,6 +155,10 @@ class Framing:
 def has_body(scope: Scope) -> bool:
     """Return whether a request announces anything to come after its head."""
     return any(name in _BODY_HEADERS for name, _ in scope["headers"])
+
+
+def _is_upload(headers: Headers) -> bool:
+    return headers.get("content-type", "").lower().startswith("multipart/form-data")
 
 
 def _doubt(version: str, headers: Headers) -> Problem | None:

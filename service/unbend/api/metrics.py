@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
+import tempfile
 from collections.abc import AsyncIterator, Mapping
 from typing import Final
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector, generate_latest
 
 from unbend import __version__
+from unbend.errors import StoreError
 from unbend.jobs import JobRunner
 from unbend.jobs.observer import NoObserver
 from unbend.library import Library
@@ -30,6 +33,8 @@ class Metrics(NoObserver):
         self._workers = Gauge("unbend_workers", "Processes that compute", registry=registry)
         self._shapes = Gauge("unbend_library_shapes", "Shapes of the library", registry=registry)
         self._streams = Gauge("unbend_event_streams", "Open streams of job events", registry=registry)
+        self._writable = Gauge("unbend_library_writable", "1 where uploads can be stored, else 0", registry=registry)
+        self._free = Gauge("unbend_disk_free_bytes", "Free bytes of a disk", ["disk"], registry=registry)
         self._jobs = Counter(
             "unbend_jobs", "Jobs that ended here; code: of the error", ["kind", "outcome", "code"], registry=registry
         )
@@ -79,4 +84,18 @@ class Metrics(NoObserver):
         self._running.set(runner.running)
         self._workers.set(runner.workers)
         self._shapes.set(await asyncio.to_thread(len, library))
+        await asyncio.to_thread(self._look_at_disks, library)
         return await asyncio.to_thread(generate_latest, self.registry)
+
+    def _look_at_disks(self, library: Library) -> None:
+        self._free.labels("temporary").set(shutil.disk_usage(tempfile.gettempdir()).free)
+        free = library.store.free()
+        if free is not None:
+            self._free.labels("library").set(free)
+        try:
+            library.store.check()
+            library.store.admit(0)
+        except StoreError:
+            self._writable.set(0)
+        else:
+            self._writable.set(1)

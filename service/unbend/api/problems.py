@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -40,6 +41,8 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.JobMemoryError: 507,
     errors.JobCancelledError: 409,
     errors.JobError: 500,
+    errors.StoreFullError: 507,
+    errors.TemporaryFullError: 507,
     errors.StoreError: 503,
     errors.UnbendError: 500,
 }
@@ -82,6 +85,8 @@ class MediaTypeError(HTTPException):
 
 _ROUTING: Final = {404: "there is nothing at this address", 405: "what is at this address does not take {method}"}
 """In place of the phrase that is all that the router says."""
+
+_FULL: Final = "the folder for temporary files has no room for the request's body"
 
 _TITLES: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
 """Of statuses that Python's versions name differently."""
@@ -150,6 +155,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(errors.UnbendError, _on_known)
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(OSError, _on_system)
     app.add_exception_handler(Exception, _on_unexpected)
 
 
@@ -173,10 +179,22 @@ async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
 async def _on_http(request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, HTTPException):
         raise error
+    if _is_full(error.__cause__) or _is_full(error.__context__):  # FastAPI says that the body cannot be parsed
+        return respond(errors.TemporaryFullError(_FULL))
     title, status = _title(error.status_code), error.status_code
     detail = _ROUTING.get(status, "{}") if error.detail == title else "{}"
     problem = getattr(error, "problem", None) or of_status(status, detail.format(error.detail, method=request.method))
     return answer(problem, dict(error.headers or {}))
+
+
+async def _on_system(request: Request, error: Exception) -> JSONResponse:
+    if _is_full(error):
+        return respond(errors.TemporaryFullError(_FULL))
+    return await _on_unexpected(request, error)
+
+
+def _is_full(error: BaseException | None) -> bool:
+    return isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from ipaddress import ip_network
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -23,6 +24,7 @@ _ORIGIN: Final = re.compile(r"(https?)://([a-z0-9._-]+|\[[0-9a-f:.]+\])(?::([1-9
 _STANDARD_PORTS: Final = {"http": "80", "https": "443"}
 _MOST_WORKERS: Final = 256
 _MANY: Final = 10**9
+_ROWS_MB: Final = 16
 _ADDRESSES_MB: Final = 2**27  # all that a process of 64 bits can address
 
 
@@ -56,6 +58,9 @@ class Settings(BaseSettings):
     job_memory_mb: int = Field(
         8192, ge=1024, le=_ADDRESSES_MB, description="Megabytes of address space that a worker may use."
     )
+    reserve_mb: int = Field(
+        0, ge=0, le=_MANY, description="Megabytes of the library's disk kept for removals; 0 for max_upload_mb + 16."
+    )
     drain_seconds: float = Field(
         20.0, ge=0, allow_inf_nan=False, description="Seconds that running jobs are given when the server stops."
     )
@@ -65,6 +70,9 @@ class Settings(BaseSettings):
     open: bool = Field(False, description="Serve callers without a key at any address while there are no keys.")
     requests_per_minute: int = Field(
         0, ge=0, le=_MANY, description="Calls of one key, or address without; 0 for no limit."
+    )
+    trusted_proxies: str = Field(
+        "", description="Addresses of proxies whose X-Forwarded-For is believed, with commas between; * for all."
     )
     cors_origins: str = Field("", description="Web sites whose pages may call: origins, with commas between them.")
 
@@ -99,6 +107,24 @@ class Settings(BaseSettings):
     def origins(self) -> list[str]:
         """The origins among the settings."""
         return _listed(self.cors_origins)
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _check_proxies(cls, value: str) -> str:
+        for address in _listed(value):
+            if address != "*":
+                ip_network(address, strict=False)
+        return value
+
+    @property
+    def proxies(self) -> list[str]:
+        """The addresses, and networks, of proxies among the settings."""
+        return _listed(self.trusted_proxies)
+
+    @property
+    def reserve_bytes(self) -> int:
+        """Bytes of the library's disk that are kept: to remove a shape, its whole file is overwritten."""
+        return (self.reserve_mb or self.max_upload_mb + _ROWS_MB) * 2**20
 
     @property
     def body_limits(self) -> BodyLimits:

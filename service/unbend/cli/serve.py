@@ -7,7 +7,6 @@ import gc
 import socket
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,6 +17,7 @@ from unbend.errors import ExposedError
 
 if TYPE_CHECKING:
     from unbend.api.connections import ConnectionLimits
+    from unbend.api.settings import Settings
     from unbend.library import Library
 
 _SHUTDOWN_SECONDS = 5  # that open requests, long polls above all, are given when the server stops
@@ -48,26 +48,19 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     from unbend.api.configuration import read_settings, without_password  # noqa: PLC0415
     from unbend.api.connections import HEAD_BYTES, connection_class  # noqa: PLC0415
     from unbend.api.logs import log_config  # noqa: PLC0415
-    from unbend.library import Library  # noqa: PLC0415
+    from unbend.api.serving import Server, bind  # noqa: PLC0415
+    from unbend.library.lease import Lease  # noqa: PLC0415
 
     settings = read_settings(_given(context), file)
+    # In this order: a server that cannot listen touches no library, and one that has no lease changes none.
+    sockets = bind(host, port)
+    lease = Lease(settings.library)
     click.echo(f"unbend: library {without_password(settings.library)}, {settings.workers} workers", err=True)
-    with Library(settings.library) as opened:  # one that cannot be opened ends the command with a sentence
-        if not (settings.open or _only_this_machine(host) or _closed(opened)):
-            raise ExposedError(f"{host} can be reached by others, and the library has no keys")
-    app = create_app(settings)
-
-    class Server(uvicorn.Server):
-        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-            if service := getattr(app.state, "service", None):
-                service.runner.end_waits()
-            super().handle_exit(sig, frame)
-
+    _must_be_safe(settings, host)
+    app = create_app(settings, lease)
     limits, backlog = _within_handles(settings.connection_limits)
     config = uvicorn.Config(
         app,
-        host=host,
-        port=port,
         log_config=log_config(settings.log_format),
         access_log=False,
         # Named, for uvicorn would take what happens to be installed. httptools has no limit on a request's head, and
@@ -78,10 +71,22 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
         loop="asyncio",
         ws="none",
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
+        # A caller on this machine could invent addresses in these headers, so nobody is trusted who is not named.
+        proxy_headers=bool(settings.proxies),
+        forwarded_allow_ips=settings.proxies,
     )
     gc.freeze()  # what is there now stays: it need not be looked through again and again while requests wait
     gc.set_threshold(_GARBAGE)
-    Server(config).run()
+    Server(config, app).run(sockets=list(sockets))
+
+
+def _must_be_safe(settings: Settings, host: str) -> None:
+    """Open the library, or end the command with a sentence; refuse to expose one that asks nobody for a key."""
+    from unbend.library import Library  # noqa: PLC0415
+
+    with Library(settings.library) as opened:
+        if not (settings.open or _only_this_machine(host) or _closed(opened)):
+            raise ExposedError(f"{host} can be reached by others, and the library has no keys")
 
 
 def _given(context: click.Context) -> dict[str, Any]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Final, TypeVar
 
 from sqlalchemy import Connection
 
-from unbend.errors import NotFoundError, StoreError, WorkerLostError
+from unbend.errors import NotFoundError, StoreError, StoreFullError, WorkerLostError
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.news import News
@@ -30,6 +32,12 @@ T = TypeVar("T")
 
 _RETRY_SECONDS: Final = 1.0
 _LOOK_SECONDS: Final = 5.0
+_LAST_SECONDS: Final = 3.0
+"""How long a server that stops tries to write to a store that fails. The next server finds what was not written."""
+
+_RESULT_BYTES: Final = 2**20
+"""Free bytes that a job needs to begin, so that its result can be stored."""
+
 _LOST: Final = WorkerLostError("the process that ran the job died")
 
 
@@ -50,26 +58,47 @@ class Dispatcher:
         self._wake = asyncio.Event()
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._loop_task: asyncio.Task[None] | None = None
+        self._is_stopping = False
+        self._hurry = asyncio.Event()
+        self._loop: asyncio.AbstractEventLoop | None = None
 
     async def start(self) -> None:
         """Take up what an earlier process left, and begin."""
+        self._loop = asyncio.get_running_loop()
         for job in await self._made(self._recover):
             self.note_end(job)
         self._loop_task = asyncio.create_task(self._dispatch(), name="unbend dispatcher")
 
     async def stop(self) -> None:
-        """Claim no more, give running jobs `limits.drain_seconds`, put the rest back into the queue."""
+        """Claim no more, give running jobs `limits.drain_seconds`, put the rest back into the queue.
+
+        Where the store cannot be written, the rest stays as it is: the next server puts it back.
+        """
+        self._is_stopping = True
         if self._loop_task:
             self._loop_task.cancel()
             await asyncio.gather(self._loop_task, return_exceptions=True)
-        if self._tasks:
-            await asyncio.wait(self._tasks.values(), timeout=self._limits.drain_seconds)
+        await self._drain()
         left = dict(self._tasks)
         for task in left.values():
             task.cancel()
         await asyncio.gather(*left.values(), return_exceptions=True)
-        for job_id in left:
-            await self._made(partial(queue.give_back, job_id=job_id, lost="nothing"))
+        await asyncio.gather(*map(self._give_back, left), return_exceptions=True)
+
+    async def _drain(self) -> None:
+        """Wait until the jobs in hand have ended, their time is over, or somebody is in a hurry."""
+        if not self._tasks:
+            return
+        waits = [asyncio.create_task(self._hurry.wait()), asyncio.create_task(_all_ended(self._tasks.values()))]
+        await asyncio.wait(waits, timeout=self._limits.drain_seconds, return_when=asyncio.FIRST_COMPLETED)
+        for wait in waits:
+            wait.cancel()
+        await asyncio.gather(*waits, return_exceptions=True)
+
+    def hurry(self) -> None:
+        """Give running jobs no more time where they are being waited for; safe in any thread."""
+        if self._loop:
+            self._loop.call_soon_threadsafe(self._hurry.set)
 
     @property
     def alive(self) -> bool:
@@ -103,9 +132,11 @@ class Dispatcher:
         while True:
             await self._slots.acquire()
             self._wake.clear()
+            await self._room()
             job = await self._made(queue.claim)
             if job is None:
                 self._slots.release()
+                await self._reconcile()
                 await self._work()
                 continue
             task = asyncio.create_task(self._run(job), name=f"unbend job {job.id}")
@@ -121,6 +152,32 @@ class Dispatcher:
             with contextlib.suppress(StoreError):  # then it is no time to begin one
                 if await self._library.store.fetch(queue.count_queued):
                     return
+
+    async def _room(self) -> None:
+        """Wait until the disk of the library has room for a result."""
+        while True:
+            try:
+                self._library.store.admit(_RESULT_BYTES)
+            except StoreFullError as error:
+                logger.error("no job is begun: %s", error)  # noqa: TRY400  no stack is needed to read it
+                await asyncio.sleep(_RETRY_SECONDS)
+            except StoreError:
+                return  # whoever writes next finds out
+            else:
+                return
+
+    async def _reconcile(self) -> None:
+        """Put back jobs that the store has as running and nobody has in hand: this server alone runs its jobs."""
+        in_hand = set(self._tasks)
+        with contextlib.suppress(StoreError):
+            for job in await self._library.store.fetch(queue.running_jobs):
+                if job.id not in in_hand:
+                    logger.warning("job %s was in nobody's hand, and is put back", job.id)
+                    await self._give_back(job.id)
+                    self.wake()
+
+    async def _give_back(self, job_id: str) -> None:
+        await self._made(partial(queue.give_back, job_id=job_id, lost="nothing"))
 
     def _release(self, job_id: str, _task: asyncio.Task[None]) -> None:
         self._tasks.pop(job_id, None)
@@ -170,11 +227,14 @@ class Dispatcher:
 
     async def _made(self, change: Callable[[Connection], T]) -> T:
         """Make a change, again and again where the store cannot: what was computed, or claimed, is not lost by that."""
+        until = math.inf
         while True:
             try:
                 return await asyncio.wrap_future(self._writer.submit(change))
             except StoreError as error:
-                if isinstance(error, NotFoundError):
+                if self._is_stopping:
+                    until = min(until, time.monotonic() + _LAST_SECONDS)
+                if isinstance(error, NotFoundError) or time.monotonic() >= until:
                     raise
                 logger.exception("the store cannot be written; trying again")
                 await asyncio.sleep(_RETRY_SECONDS)
@@ -188,6 +248,10 @@ class Dispatcher:
             elif done := queue.finish(connection, job.id, "failed", error=describe(_LOST)):
                 ended.append(done)
         return ended
+
+
+async def _all_ended(tasks: Collection[asyncio.Task[None]]) -> None:
+    await asyncio.wait(tasks)
 
 
 def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> JobRecord | None:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import resource
-import signal
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -46,9 +43,7 @@ class JobLimits:
 
 
 def limit_process(memory_bytes: int | None) -> None:
-    """Prepare a worker: one thread for each library, no more memory than allowed, Ctrl-C left to the server."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_follow_parent, daemon=True).start()
+    """Prepare a worker: one thread for each library, no more memory than allowed."""
     threadpool_limits(1)  # the pool has a process for every core
     with contextlib.suppress(OSError):
         os.nice(_NICE)
@@ -57,11 +52,3 @@ def limit_process(memory_bytes: int | None) -> None:
     if memory_bytes:
         with contextlib.suppress(ValueError, OSError):  # systems that do not limit address space
             resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-
-
-def _follow_parent() -> None:
-    """End with the process that started this one, however it ended: nobody wants the work any more."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

@@ -87,6 +87,10 @@ class JobRunner:
         for end in (self._pool.stop, self._aside.stop, self._writer.close):
             await asyncio.to_thread(end)
 
+    def hurry(self) -> None:
+        """Have a `stop` that is under way give running jobs no more time; safe to call from a signal handler."""
+        self._dispatcher.hurry()
+
     def end_waits(self) -> None:
         """Answer everybody who waits for a job with the job as it is; safe to call from a signal handler."""
         self._news.close()
@@ -149,10 +153,11 @@ class JobRunner:
         with self._news.listening(job_id) as listener:
             while True:
                 listener.listen_anew()
-                job = await self.status(job_id)
+                job = await self.status(job_id)  # also after the last wait: an answer is never older than that
                 left = end - asyncio.get_running_loop().time()
-                if job.finished or self._news.closed or left <= 0 or not await listener.change(left):
-                    return self._live(job)
+                if job.finished or self._news.closed or left <= 0:
+                    return job
+                await listener.change(left)
 
     async def follow(self, job_id: str) -> AsyncIterator[JobRecord]:
         """Yield a job as it is: when it moves, four times a second at most, at once when its state changes.
@@ -226,6 +231,7 @@ class JobRunner:
                 return shape
             if job := queue.find_active(connection, kind=kind, key=key):
                 return job
+        self._library.store.admit(len(upload.data))
         waiting = queue.count_queued(connection)
         if waiting >= self.limits.queued:
             raise QueueFullError(f"{waiting} jobs wait already", retry_after=max(1, waiting // (50 * self.workers)))

@@ -15,6 +15,7 @@ from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.limits import limit_process
 from unbend.jobs.progress import StageClock
 from unbend.library import Library
+from unbend.library.engine import must_be_there
 from unbend.library.payload import PackedSignature
 from unbend.library.shapes import get_mesh
 from unbend.matching.measures import MEASURES, compare
@@ -166,4 +167,5 @@ def _read(mesh: StoredMesh, progress: Callable[[str], None] | None = None) -> Su
 
 @cache
 def _library(url: str) -> Library:
+    must_be_there(url)
     return Library(url, migrate=False)

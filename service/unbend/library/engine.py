@@ -17,14 +17,19 @@ from alembic.util import CommandError
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DatabaseError, IntegrityError, TimeoutError  # noqa: A004
 
-from unbend.errors import ParameterError, StoreError, StoreVersionError
+from unbend.errors import ParameterError, StoreError, StoreFullError, StoreVersionError
 from unbend.library.erasing import LogEraser, When, take_mark
 from unbend.library.memory import Memory
+from unbend.library.place import Place
 
 T = TypeVar("T")
 
 _BUSY_SECONDS = 30
+_UNUSED = ("freelist_count", "page_size")
 _MIGRATIONS = Path(__file__).parent / "migrations"
+_FULL = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE", "SQLITE_IOERR_SHMMAP"})
+"""What SQLite reports of a full disk: of the file and its log, and of the index of the log."""
+
 _TOOLS = {"postgresql": "pg_dump and pg_restore", "mysql": "mysqldump", "mariadb": "mariadb-dump"}
 
 
@@ -60,10 +65,12 @@ class Store:
         if migrate:
             _migrate(self._engine)
         self._memory = Memory(self._engine) if self._is_file else None
+        self._place = Place(sqlite_file(url).absolute()) if _is_on_disk(url) else None
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Yield a connection that sees one unchanging state; StoreError where the database cannot give it."""
+        self.check()
         with failing_as_store(), self._reading.connect() as connection:
             yield connection
 
@@ -74,14 +81,61 @@ class Store:
         Raises
         ------
         StoreError
-            If the database cannot keep them.
+            If the database cannot keep them: StoreFullError if its disk is full, StoreLostError if its file is gone.
         """
+        self.check()
         with self._turn, failing_as_store(), self._engine.begin() as connection:
             take_mark(connection)  # of a transaction that was undone
             yield connection
             mark = take_mark(connection)
+            if not is_open(connection):  # to commit nothing is no error to SQLite
+                raise StoreError("the database undid the transaction")
+        self.check()  # what was written to a file that is gone is not kept
         if mark:
             self.erase(mark)
+
+    def change(self, change: Callable[[Connection], T]) -> T:
+        """Make a change in a transaction of its own; where the disk is full, again with the room kept in reserve.
+
+        Raises
+        ------
+        StoreError
+            As `write` does.
+        Exception
+            Whatever the change raises.
+        """
+        try:
+            with self.write() as connection:
+                return change(connection)
+        except StoreFullError:
+            if self._place is None or not self._place.release():
+                raise
+        with self.write() as connection:
+            return change(connection)
+
+    def check(self) -> None:
+        """Raise StoreLostError if the library's file was removed or replaced since it was opened."""
+        if self._place:
+            self._place.check()
+
+    def reserve(self, size: int) -> None:
+        """Keep `size` bytes of the disk for changes that make room, such as removals."""
+        if self._place:
+            self._place.reserve(size)
+
+    def admit(self, size: int) -> None:
+        """Raise StoreFullError if there is no room for `size` more bytes; needs `reserve`."""
+        if self._place:
+            self._place.admit(size, self._unused())
+
+    def free(self) -> int | None:
+        """Return the free bytes of the library's disk; None where it is not a file."""
+        return self._place.free() if self._place else None
+
+    def _unused(self) -> int:
+        with self.read() as connection:
+            pages, size = (connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in _UNUSED)
+        return int(pages) * int(size)
 
     async def fetch(self, look: Callable[[Connection], T], question: Hashable = None) -> T:
         """Return what `look`, a matter of a few rows, finds, without holding up the event loop.
@@ -99,6 +153,7 @@ class Store:
             return await asyncio.to_thread(self._look, look)
         if question is None:
             return self._look(look)
+        self.check()
         with failing_as_store():
             return self._memory.recall(question, lambda: self._look(look))
 
@@ -127,6 +182,8 @@ class Store:
         if self._memory:
             self._memory.close()
         self._engine.dispose()
+        if self._place:
+            self._place.close()
 
 
 def sqlite_file(url: str) -> Path:
@@ -166,22 +223,37 @@ def failing_as_store() -> Iterator[None]:
     except (IntegrityError, sqlite3.IntegrityError):  # not the database's fault but ours
         raise
     except (DatabaseError, TimeoutError, sqlite3.Error) as error:
+        if getattr(getattr(error, "orig", error), "sqlite_errorname", "") in _FULL:
+            raise StoreFullError("the disk of the library is full") from error
         raise StoreError("the library's store cannot be used") from error
+
+
+def is_open(connection: Connection) -> bool:
+    """Return whether a connection's transaction still stands: SQLite undoes it where its disk is full."""
+    driver: Any = connection.connection.dbapi_connection
+    return bool(getattr(driver, "in_transaction", True))
+
+
+def _is_on_disk(url: str) -> bool:
+    address = _address(url)
+    return address.get_backend_name() == "sqlite" and address.database not in {None, "", ":memory:"}
 
 
 def _create_engine(url: str) -> Engine:
     try:
-        address = _address(url)
-        if address.get_backend_name() == "sqlite" and address.database not in {None, "", ":memory:"}:
-            return create_engine(address, max_overflow=-1)  # a thread that needs a connection gets one
-        return create_engine(address)
+        if _is_on_disk(url):
+            return create_engine(_address(url), max_overflow=-1)  # a thread that needs a connection gets one
+        return create_engine(_address(url))
     except (ArgumentError, ImportError):  # the driver of a database that is not installed
         raise _unknown(url) from None
 
 
 def _address(url: str) -> URL:
     if "://" not in url:
-        return URL.create("sqlite", database=str(Path(url).expanduser()))
+        try:
+            return URL.create("sqlite", database=str(Path(url).expanduser()))
+        except RuntimeError:  # the home of a user who does not exist
+            raise ParameterError(f"{url}: there is no such user") from None
     try:
         return make_url(url)
     except (ArgumentError, ValueError):  # a port that is no number

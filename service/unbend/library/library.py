@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
+
+from sqlalchemy import Connection
 
 from unbend.errors import ParameterError
 from unbend.library import shapes as rows
@@ -130,9 +133,12 @@ class Library:
             report=surface.report.as_dict(),
             **described,
         )
-        with self.store.write() as connection:
+
+        def store(connection: Connection) -> ShapeRecord:
             rows.put_mesh(connection, key.sha256, data)
             return rows.get_shape(connection, rows.add_shape(connection, new))
+
+        return self.store.change(store)
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape's record; NotFoundError if there is none."""
@@ -149,13 +155,11 @@ class Library:
     def change(self, shape_id: str, changes: dict[str, Any]) -> ShapeRecord:
         """Set some of a shape's name, label and metadata."""
         check_changes(changes)
-        with self.store.write() as connection:
-            return rows.change_shape(connection, shape_id, changes)
+        return self.store.change(partial(rows.change_shape, shape_id=shape_id, changes=changes))
 
     def remove(self, shape_id: str) -> None:
         """Remove a shape and everything stored of it."""
-        with self.store.write() as connection:
-            rows.remove_shape(connection, shape_id)
+        self.store.change(partial(rows.remove_shape, shape_id=shape_id))
 
     def mesh(self, shape_id: str) -> bytes:
         """Return the file a shape was made from, byte for byte."""

@@ -1,17 +1,20 @@
-"""One thread that writes: what waits together is kept together, at the price of one wait for the disk."""
+"""One thread that writes: changes that wait together share a transaction, at the price of one wait for the disk."""
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 from sqlalchemy import Connection
 
-from unbend.library.engine import Store, failing_as_store
+from unbend.library.engine import Store, failing_as_store, is_open
 
+logger = logging.getLogger("unbend.library")
 T = TypeVar("T")
 
 Change = Callable[[Connection], Any]
@@ -24,6 +27,8 @@ class Writer:
     """Makes changes in the order they were asked for; thread-safe.
 
     A change is on disk when its future has a result. One that raises leaves nothing behind, and the others as they are.
+    SQLite undoes a whole transaction where the disk is full. Each change of that transaction is then made again, in a
+    transaction of its own: a change may be called twice, so it must have no effect but on the store.
     """
 
     def __init__(self, store: Store) -> None:
@@ -55,26 +60,46 @@ class Writer:
             if works:
                 self._make(works)
 
-    def _make(self, works: list[tuple[Change, Future[Any]]]) -> None:
-        outcomes: list[tuple[Any, Exception | None]] = []
+    def _make(self, works: Sequence[tuple[Change, Future[Any]]]) -> None:
+        outcomes = self._together([change for change, _ in works]) if len(works) > 1 else None
+        for index, (change, future) in enumerate(works):
+            outcome = outcomes[index] if outcomes else self._alone(change)
+            if outcome.failure is None:
+                future.set_result(outcome.result)
+            else:
+                future.set_exception(outcome.failure)
+
+    def _together(self, changes: Sequence[Change]) -> list[_Outcome] | None:
+        """Make changes in one transaction; None if it was undone, and with it every change."""
         try:
             with self._store.write() as connection:
-                if len(works) == 1:
-                    outcomes.append((works[0][0](connection), None))
-                else:
-                    outcomes += [_attempt(change, connection) for change, _ in works]
-        except Exception as error:  # noqa: BLE001  whatever it is, those who wait are told
-            outcomes = [(None, error)] * len(works)
-        for (_, future), (result, failure) in zip(works, outcomes, strict=True):
-            if failure is None:
-                future.set_result(result)
-            else:
-                future.set_exception(failure)
+                return [_attempt(change, connection) for change in changes]
+        except Exception as error:  # noqa: BLE001  each of them finds out for itself what stands in the way
+            logger.warning("%d changes were undone together, and are made one by one: %s", len(changes), error)
+            return None
+
+    def _alone(self, change: Change) -> _Outcome:
+        try:
+            return _Outcome(self._store.change(change))
+        except Exception as error:  # noqa: BLE001  whatever it is, the one who waits is told
+            return _Outcome(failure=error)
 
 
-def _attempt(change: Change, connection: Connection) -> tuple[Any, Exception | None]:
+@dataclass(frozen=True)
+class _Outcome:
+    result: Any = None
+    failure: Exception | None = None
+
+
+class _UndoneError(Exception):
+    """The database undid the whole transaction."""
+
+
+def _attempt(change: Change, connection: Connection) -> _Outcome:
     try:
         with failing_as_store(), connection.begin_nested():
-            return change(connection), None
-    except Exception as error:  # noqa: BLE001  it is that change's alone
-        return None, error
+            return _Outcome(change(connection))
+    except Exception as error:
+        if not is_open(connection):  # what comes now would be kept without a transaction
+            raise _UndoneError from error
+        return _Outcome(failure=error)

@@ -8,6 +8,7 @@ from prometheus_client import CONTENT_TYPE_LATEST
 from unbend.api.models import Capacity, Health
 from unbend.api.problems import problem_responses
 from unbend.api.service import ServiceDependency
+from unbend.errors import StoreError
 
 router = APIRouter(tags=["health"])
 
@@ -22,9 +23,14 @@ async def livez(service: ServiceDependency) -> Health:
 
 @router.get("/readyz", responses=problem_responses(503))
 async def readyz(service: ServiceDependency) -> Health:
-    """Answer 200 once the workers have loaded their kernels."""
+    """Answer 200 while uploads are taken: the workers have loaded their kernels, and the library can be written."""
     if not service.runner.ready:
         raise HTTPException(503, "the workers are loading their kernels")
+    try:
+        service.library.store.check()
+        service.library.store.admit(0)
+    except StoreError as error:
+        raise HTTPException(503, str(error)) from None
     return Health()
 
 

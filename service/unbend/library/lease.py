@@ -1,0 +1,75 @@
+"""Who runs the jobs of a library: one server at a time.
+
+The lease is a lock of the system on a file beside the library. It ends with the process that holds it, however that
+ends. The library's own file is not locked: SQLite's locks and these would meet on some file systems.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from unbend.errors import ParameterError, StoreError, StoreInUseError
+from unbend.library.engine import sqlite_file
+
+try:
+    import fcntl
+except ImportError:  # Windows: a second server is not noticed
+    fcntl = None  # type: ignore[assignment]
+
+
+class Lease:
+    """The right to run a library's jobs, from its making until it is closed or the process ends.
+
+    Parameters
+    ----------
+    url : str
+        The library: a path of an SQLite file, or an SQLAlchemy URL. Libraries in memory, and those in other databases,
+        are leased to everybody who asks.
+
+    Raises
+    ------
+    StoreInUseError
+        If another server has it.
+    StoreError
+        If the file beside the library cannot be made.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._handle: int | None = None
+        try:
+            library = sqlite_file(url)
+        except ParameterError:
+            return
+        if fcntl is None:
+            return
+        place = Path(f"{library}-lease")
+        try:
+            self._handle = os.open(place, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise StoreError(f"the library at {library} cannot be opened: {error.strerror}") from error
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(self._handle, 20, 0).decode(errors="replace").strip()
+            self.close()
+            process = f"process {holder}" if holder.isdecimal() else "another process"
+            raise StoreInUseError(f"a server runs the jobs of {library} already: {process}") from None
+        os.ftruncate(self._handle, 0)
+        os.pwrite(self._handle, str(os.getpid()).encode(), 0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the lease back."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None

@@ -1,0 +1,48 @@
+"""One server runs the jobs of a library, and the lease ends with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from unbend import Library
+from unbend.errors import StoreError, StoreInUseError
+from unbend.library.lease import Lease
+
+HOLD = (
+    "import sys; from unbend.library.lease import Lease; held = Lease(sys.argv[1]); print('held', flush=True); input()"
+)
+
+
+def test_a_second_lease_is_refused_by_the_name_of_the_first(tmp_path):
+    url = str(tmp_path / "library.db")
+    with Lease(url), pytest.raises(StoreInUseError, match=f"process {os.getpid()}"):
+        Lease(url)
+    with Lease(url), Library(url) as library:  # which others may read and write meanwhile
+        assert len(library) == 0
+
+
+def test_a_lease_ends_with_its_process_however_that_ends(tmp_path):
+    url = str(tmp_path / "library.db")
+    with subprocess.Popen([sys.executable, "-c", HOLD, url], stdout=subprocess.PIPE, stdin=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(StoreInUseError, match=f"process {other.pid}"):
+            Lease(url)
+        other.send_signal(signal.SIGKILL)
+        other.wait(30)
+    Lease(url).close()
+
+
+def test_libraries_that_are_no_file_are_leased_to_everybody():
+    with Lease("sqlite://"), Lease("sqlite://"):
+        pass
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(StoreError, match="No such file"):
+        Lease(str(tmp_path / "nowhere" / "library.db"))

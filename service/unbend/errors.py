@@ -25,6 +25,7 @@
     │   ├── KeyInvalidError       what came is no live key of this library
     │   ├── ScopeError            the key may only read
     │   ├── OriginError           another web site's page sent it
+    │   ├── HostError             it was called by a name that is not its own
     │   └── ExposedError          others could reach the service, and nothing asks them for a key
     ├── AddressError              the service cannot listen where it should
     ├── RateLimitError            too many calls in a minute
@@ -221,6 +222,13 @@ class OriginError(AccessError):
     advice = "Name the site in UNBEND_CORS_ORIGINS if it may write, or have the service ask for keys."
 
 
+class HostError(AccessError):
+    """The service was called by a name that it does not know, and asks for no key: another site may lead here."""
+
+    code = "host_refused"
+    advice = "Call it by its address or as localhost, name the host in UNBEND_ALLOWED_HOSTS, or make a key."
+
+
 class ExposedError(AccessError):
     """The service would be reached by others, and nothing would ask them for a key."""
 
@@ -250,7 +258,7 @@ class UploadTooLargeError(UnbendError):
     """A request has more bytes than the service takes."""
 
     code = "upload_too_large"
-    advice = "Send a smaller file, or raise UNBEND_MAX_UPLOAD_MB."
+    advice = "Send less, or raise UNBEND_MAX_UPLOAD_MB for files and UNBEND_MAX_JSON_KB for other requests."
 
 
 class UploadTooSlowError(UnbendError):

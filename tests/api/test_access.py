@@ -219,10 +219,18 @@ def test_a_server_closes_with_its_first_key_and_opens_to_this_machine_alone_afte
 
 
 def test_a_server_that_was_told_to_be_open_serves_others(tmp_path):
-    with Server(tmp_path, workers=1, ready=False, host="0.0.0.0", open="true") as running, running.http() as api:  # noqa: S104
-        assert api.get("/v1/shapes", headers={"Host": "unbend.example"}).status_code == 200
-        new_key(running.library)
+    settings = {"open": "true", "allowed_hosts": "unbend, Unbend.Example"}
+    with Server(tmp_path, workers=1, ready=False, host="0.0.0.0", **settings) as running, running.http() as api:  # noqa: S104
+        for known in ("unbend.example", "unbend:8000", "localhost:1234", "127.0.0.1", "[::1]:80", "203.0.113.7"):
+            assert api.get("/v1/shapes", headers={"Host": known}).status_code == 200
+        for rebound in ("other.example", "localhost.other.example", "unbend.example.com", "127.0.0.1.other.example"):
+            for method, path in (("GET", "/v1/shapes"), ("DELETE", "/v1/shapes/x"), ("POST", "/v1/queries")):
+                check(api.request(method, path, headers={"Host": rebound}), 403, "host_refused")
+            assert api.get("/v1/livez", headers={"Host": rebound}).status_code == 200
+        key = new_key(running.library)
         check(api.get("/v1/shapes"), 401, "key_required")
+        theirs = {"Host": "other.example", "Authorization": f"Bearer {key}"}
+        assert api.get("/v1/shapes", headers=theirs).status_code == 200
 
 
 @pytest.fixture(scope="module")

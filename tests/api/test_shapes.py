@@ -92,6 +92,7 @@ def test_a_file_name_is_only_a_name(server, http, number, file_name, name):
     assert shape["name"] == name
     assert {path.name for path in server.library.parent.iterdir()} <= {
         "server.log", "library.db", "library.db-wal", "temporary", "library.db-shm",
+        "library.db-lease", "library.db-reserve",
     }  # fmt: skip
     download = http.get(f"/v1/shapes/{shape['id']}/mesh")
     assert download.content == small_mesh(number)

@@ -525,7 +525,7 @@ def test_a_setting_of_access_that_is_wrong_is_named(name, value):
     assert name in done.stderr
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", ""])  # noqa: S104
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", ""])  # noqa: S104
 def test_a_library_without_keys_is_not_served_to_others_unless_told(tmp_path, host):
     done = called("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
     assert done.returncode == 1

@@ -19,6 +19,7 @@ from unbend.api.service import Service
 from unbend.api.settings import Settings
 from unbend.errors import (
     AccessError,
+    HostError,
     KeyInvalidError,
     KeyRequiredError,
     OriginError,
@@ -106,6 +107,7 @@ class Access:
             raise RateLimitError(f"more than {self._settings.requests_per_minute} calls a minute", wait)
         needed = scope_of(scope["method"], scope["path"])
         if not caller.closed:
+            self._check_host(scope, headers)
             if needed == "write":
                 self._check_origin(headers)
         elif caller.key is None:
@@ -122,6 +124,16 @@ class Access:
         client, _ = scope.get("client") or ("", None)
         return Caller(key, closed or not (self._settings.open or _is_local(scope, headers)), client)
 
+    def _check_host(self, scope: Scope, headers: Headers) -> None:
+        """Refuse a call by an unknown name: a site can have its own name lead here, and read what its pages ask.
+
+        A page at an address, or at localhost, is not another site's. With a key this is not needed: no page has it.
+        """
+        host = _PORT.sub("", headers.get("host", "")).strip("[]").lower()
+        known = not host or is_loopback(host) or _is_address(host) or _is_within(scope)
+        if not (known or {host, "*"} & set(self._settings.hosts)):
+            raise HostError(f"the service does not know itself as {host[:100]!r}")
+
     def _check_origin(self, headers: Headers) -> None:
         """Refuse what a page of another site has the browser of somebody here send: CORS only hides the answer."""
         origin = headers.get("origin")
@@ -135,14 +147,19 @@ def _is_local(scope: Scope, headers: Headers) -> bool:
     """Whether a call came from this machine to this machine, by a name of this machine.
 
     A proxy on this machine tells of another client, and a page whose site's name was made to lead here another host.
-    A server that has a name for an address listens nowhere: the call was made within the process.
     """
     if any(name in headers for name in _FORWARDED):
         return False
-    (here, _), (client, _) = scope.get("server") or ("", None), scope.get("client") or ("", None)
-    if here and "/" not in here and not _is_address(here):
+    if _is_within(scope):
         return True
+    (here, _), (client, _) = scope.get("server") or ("", None), scope.get("client") or ("", None)
     return all(map(is_loopback, (here, client, _PORT.sub("", headers.get("host", "")).strip("[]"))))
+
+
+def _is_within(scope: Scope) -> bool:
+    """Whether a call was made within the process: a server that has a name for an address listens nowhere."""
+    here, _ = scope.get("server") or ("", None)
+    return bool(here) and "/" not in here and not _is_address(here)
 
 
 @lru_cache(_MOST_HOSTS)

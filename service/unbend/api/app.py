@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.responses import RedirectResponse
 from fastapi_offline import FastAPIOffline
 from starlette.middleware.cors import CORSMiddleware
@@ -25,6 +25,7 @@ from unbend.api.requests import PREFIX, Requests
 from unbend.api.routes import health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
+from unbend.api.strictness import no_other_parameters
 from unbend.api.waits import Waits
 from unbend.jobs import JobRunner
 from unbend.jobs.observer import Observers
@@ -82,7 +83,7 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
     )  # fmt: skip
     for room in (shapes, jobs, queries, overview, health):
-        app.include_router(room.router, prefix=PREFIX)
+        app.include_router(room.router, prefix=PREFIX, dependencies=[Depends(no_other_parameters)])
     app.add_api_route("/", _to_docs, include_in_schema=False)
     _add_middleware(app, chosen, metrics, traces)
     problems.install(app)

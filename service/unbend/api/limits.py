@@ -30,7 +30,9 @@ class BodyLimits:
     """What bodies may take."""
 
     each: int
-    """Bytes of one."""
+    """Bytes of one that holds a file."""
+    json: int
+    """Bytes of any other: it is parsed while others wait."""
     together: int
     """Bytes that have arrived of all requests that are not yet answered."""
     stall_seconds: float
@@ -66,6 +68,8 @@ class BodyLimit:
         loop = asyncio.get_running_loop()
         end = loop.time() + self._limits.seconds
         received, whole, answered = 0, False, False
+        headers = Headers(scope=scope)
+        most = self._most(headers)
 
         async def watching(message: Message) -> None:
             nonlocal answered
@@ -87,8 +91,8 @@ class BodyLimit:
             received += came
             self._held += came
             whole = not message.get("more_body", False)
-            if received > self._limits.each:
-                raise BodyRefused(self._too_large())
+            if received > most:
+                raise BodyRefused(self._too_large(headers))
             if self._held > self._limits.together:
                 raise BodyRefused(BusyError("too many bytes are being sent at a time", RETRY_SECONDS))
             return message
@@ -102,8 +106,8 @@ class BodyLimit:
         """Return what stands against a body before a byte of it is read."""
         headers = Headers(scope=scope)
         announced = _announced(headers)
-        if announced > self._limits.each:
-            return self._too_large()
+        if announced > self._most(headers):
+            return self._too_large(headers)
         if _is_upload(headers):
             try:
                 cast("Service", scope["app"].state.service).library.store.admit(announced)
@@ -111,8 +115,13 @@ class BodyLimit:
                 return error
         return None
 
-    def _too_large(self) -> UploadTooLargeError:
-        return UploadTooLargeError(f"the request has more than {self._limits.each // 2**20} megabytes")
+    def _most(self, headers: Headers) -> int:
+        return self._limits.each if _is_upload(headers) else self._limits.json
+
+    def _too_large(self, headers: Headers) -> UploadTooLargeError:
+        if _is_upload(headers):
+            return UploadTooLargeError(f"the request has more than {self._limits.each // 2**20} megabytes")
+        return UploadTooLargeError(f"a request without a file has more than {self._limits.json // 2**10} kilobytes")
 
 
 class Framing:

@@ -50,6 +50,9 @@ def _completed(document: dict[str, Any]) -> dict[str, Any]:
     components["securitySchemes"] = {"key": _KEY}
     components["headers"] = {HEADER: _REQUEST_ID}
     _add_problem(components["schemas"])
+    for name, schema in components["schemas"].items():
+        if name.startswith("Body_"):  # forms: what they do not have is refused
+            schema["additionalProperties"] = False
     for path, method, operation in _operations(document):
         if is_guarded(path):
             _add_keys(operation, scope_of(method.upper(), path))

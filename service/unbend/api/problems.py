@@ -88,6 +88,11 @@ _ROUTING: Final = {404: "there is nothing at this address", 405: "what is at thi
 
 _FULL: Final = "the folder for temporary files has no room for the request's body"
 
+_SHOWN: Final = 10
+"""Fields that a problem names: a request may have thousands that are wrong."""
+
+_SHOWN_TEXT: Final = 100
+
 _TITLES: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
 """Of statuses that Python's versions name differently."""
 
@@ -168,11 +173,14 @@ async def _on_known(_request: Request, error: Exception) -> JSONResponse:
 async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, RequestValidationError):
         raise error
+    found = error.errors()
     fields = [
-        FieldProblem(field=".".join(str(part) for part in item["loc"]), message=str(item["msg"]))
-        for item in error.errors()
+        FieldProblem(field=".".join(str(part)[:_SHOWN_TEXT] for part in item["loc"]), message=str(item["msg"]))
+        for item in found[:_SHOWN]
     ]
     detail = "; ".join(f"{item.field}: {item.message}" for item in fields)
+    if len(found) > _SHOWN:
+        detail += f"; and {len(found) - _SHOWN} more"
     return answer(Problem(title=_title(422), status=422, detail=detail, code="request_invalid", errors=fields))
 
 

@@ -41,6 +41,9 @@ class Settings(BaseSettings):
         description="Processes that compute; one for each core.",
     )
     max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes that a request may have.")
+    max_json_kb: int = Field(
+        64, ge=1, le=_MANY, description="Most kilobytes of a request without a file: it is parsed while others wait."
+    )
     max_arriving_mb: int = Field(1024, ge=1, le=_MANY, description="Most megabytes of all requests in hand together.")
     transfer_seconds: float = Field(
         900.0, gt=0, allow_inf_nan=False, description="Seconds that a request or an answer may take."
@@ -70,6 +73,9 @@ class Settings(BaseSettings):
     open: bool = Field(False, description="Serve callers without a key at any address while there are no keys.")
     requests_per_minute: int = Field(
         0, ge=0, le=_MANY, description="Calls of one key, or address without; 0 for no limit."
+    )
+    allowed_hosts: str = Field(
+        "", description="Names that callers without a key may call the service by; * for all. Addresses always may."
     )
     trusted_proxies: str = Field(
         "", description="Addresses of proxies whose X-Forwarded-For is believed, with commas between; * for all."
@@ -117,6 +123,11 @@ class Settings(BaseSettings):
         return value
 
     @property
+    def hosts(self) -> list[str]:
+        """The names of hosts among the settings, in lower case."""
+        return [name.lower() for name in _listed(self.allowed_hosts)]
+
+    @property
     def proxies(self) -> list[str]:
         """The addresses, and networks, of proxies among the settings."""
         return _listed(self.trusted_proxies)
@@ -131,6 +142,7 @@ class Settings(BaseSettings):
         """The limits of requests' bodies among the settings."""
         return BodyLimits(
             each=self.max_upload_mb * 2**20,
+            json=self.max_json_kb * 2**10,
             together=self.max_arriving_mb * 2**20,
             stall_seconds=self.stall_seconds,
             seconds=self.transfer_seconds,

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Final
 
 from starlette.datastructures import UploadFile
 
 from unbend.api.problems import pointing_at
+from unbend.errors import ParameterError
 from unbend.jobs import Upload
 from unbend.jsons import parse_json
-from unbend.library.values import check_metadata
+from unbend.library.values import MAX_METADATA_BYTES, check_metadata
 from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import MAX_TEXT
 from unbend.signature.parameters import Parameters
+
+_MOST_TEXT: Final = 4 * MAX_METADATA_BYTES
+"""Characters that are parsed: JSON may write a byte as six, and spaces between."""
 
 
 async def read_upload(file: UploadFile, parameters: str | None, policy: str | None) -> Upload:
@@ -40,6 +44,8 @@ async def read_upload(file: UploadFile, parameters: str | None, policy: str | No
 def parse_metadata(text: str | None) -> dict[str, Any]:
     """Return the `metadata` field as an object; ParameterError if it is not one."""
     with pointing_at("body.metadata"):
+        if text and len(text) > _MOST_TEXT:
+            raise ParameterError(f"metadata has more than {_MOST_TEXT} characters")
         value = parse_json(text, "metadata") if text else {}
         check_metadata(value)
     return dict(value)

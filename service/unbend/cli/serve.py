@@ -53,8 +53,10 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
 
     settings = read_settings(_given(context), file)
     # In this order: a server that cannot listen touches no library, and one that has no lease changes none.
-    sockets = bind(host, port)
-    lease = Lease(settings.library)
+    stack = contextlib.ExitStack()
+    context.call_on_close(stack.close)
+    sockets = [stack.enter_context(bound) for bound in bind(host, port)]
+    lease = stack.enter_context(Lease(settings.library))
     click.echo(f"unbend: library {without_password(settings.library)}, {settings.workers} workers", err=True)
     _must_be_safe(settings, host)
     app = create_app(settings, lease)
@@ -77,7 +79,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     )
     gc.freeze()  # what is there now stays: it need not be looked through again and again while requests wait
     gc.set_threshold(_GARBAGE)
-    Server(config, app).run(sockets=list(sockets))
+    Server(config, app).run(sockets=sockets)
 
 
 def _must_be_safe(settings: Settings, host: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,6 +16,9 @@ from unbend.errors import StoreError
 from unbend.library.schema import descriptors, library_state, removals, shapes, signatures
 from unbend.library.table import Held, Table
 from unbend.matching.measures import VectorMeasure
+
+_MOST_TABLES: Final = 32
+"""Kept in memory: those that were asked for last."""
 
 _CHUNK: Final = 256
 """Rows that are read from the store at a time: few, so that they are still in the cache when they are put together."""
@@ -40,7 +44,7 @@ class VectorIndex:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._tables: dict[IndexKey, _StoredTable] = {}
+        self._tables: OrderedDict[IndexKey, _StoredTable] = OrderedDict()
 
     def get(self, connection: Connection, key: IndexKey) -> Held:
         """Return all shapes that `connection` sees under `key`.
@@ -53,10 +57,16 @@ class VectorIndex:
             If what is stored does not fit together.
         """
         with self._lock:
-            if key not in self._tables:
-                self._tables[key] = _StoredTable(key)
-            table = self._tables[key]
-        return table.at(connection)
+            table = self._tables.get(key) or _StoredTable(key)
+            self._tables[key] = table
+            self._tables.move_to_end(key)
+            while len(self._tables) > _MOST_TABLES:
+                self._tables.popitem(last=False)
+        held = table.at(connection)
+        if not len(held.seqs):  # anybody may ask for parameters that no shape has
+            with self._lock:
+                self._tables.pop(key, None)
+        return held
 
 
 class _StoredTable:

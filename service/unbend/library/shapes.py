@@ -7,9 +7,9 @@ import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Final
 
-from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
@@ -19,12 +19,16 @@ from unbend.library.key import UploadKey
 from unbend.library.payload import PackedSignature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.schema import descriptors, jobs, library_state, meshes, removals, shapes, signatures
+from unbend.library.values import read_metadata
 from unbend.mesh.policy import MeshPolicy
 
 MAX_PAGE = 500
 
+# As text: what an earlier version stored may be nested more deeply than can be read.
+_METADATA = cast(shapes.c.metadata, String).label("metadata")
+_UNSHOWN: Final = "the metadata is nested too deeply to be shown: set it anew"
 _COLUMNS = (
-    shapes.c.id, shapes.c.name, shapes.c.label, shapes.c.metadata, meshes.c.sha256, meshes.c.size,
+    shapes.c.id, shapes.c.name, shapes.c.label, _METADATA, meshes.c.sha256, meshes.c.size,
     signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
     signatures.c.report, signatures.c.warnings, shapes.c.created_at, shapes.c.seq,
 )  # fmt: skip
@@ -235,4 +239,8 @@ def _cursor(text: str) -> int:
 
 def _record(row: Row[*tuple[Any, ...]]) -> ShapeRecord:
     values = row._asdict()
-    return ShapeRecord(**values | {name: json.loads(values[name]) for name in ("parameters", "policy")})
+    values |= {name: json.loads(values[name]) for name in ("parameters", "policy")}
+    metadata = read_metadata(values["metadata"])
+    if metadata is None:
+        values["warnings"] = [*values["warnings"], _UNSHOWN]
+    return ShapeRecord(**values | {"metadata": metadata or {}})

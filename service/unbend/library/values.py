@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from unbend.errors import ParameterError
 from unbend.names import MAX_TEXT
+
+MAX_METADATA_BYTES: Final = 2**15
+"""As JSON in UTF-8."""
+MAX_METADATA_DEPTH: Final = 16
+MAX_METADATA_KEYS: Final = 1000
+"""Members of all objects and lists together."""
 
 
 def check_changes(changes: Mapping[str, Any]) -> None:
@@ -29,13 +35,48 @@ def check_changes(changes: Mapping[str, Any]) -> None:
 
 
 def check_metadata(value: object) -> None:
-    """Check that `value` is an object that JSON, and UTF-8, can give back as it is; else ParameterError."""
+    """Check that `value` is an object that JSON, and UTF-8, can give back as it is, and within the bounds above.
+
+    Raises
+    ------
+    ParameterError
+        The message says which bound, or what cannot be given back.
+    """
     if not isinstance(value, dict):
         raise ParameterError("metadata must be a JSON object")
+    _check_extent(value)
     try:
-        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
-    except (TypeError, ValueError, RecursionError):
-        raise ParameterError("metadata holds something that JSON cannot give back, or is nested too deeply") from None
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
+    except (TypeError, ValueError):
+        raise ParameterError("metadata holds something that JSON cannot give back") from None
+    if len(text) > MAX_METADATA_BYTES:
+        raise ParameterError(f"metadata has {len(text)} bytes as JSON, and may have {MAX_METADATA_BYTES}")
+
+
+def read_metadata(text: str) -> dict[str, Any] | None:
+    """Return stored metadata; None where it is nested too deeply to be shown, as earlier versions allowed."""
+    try:
+        value = json.loads(text)
+        _check_extent(value, most=None)
+    except (RecursionError, ParameterError):
+        return None
+    found: dict[str, Any] = value
+    return found
+
+
+def _check_extent(value: object, most: int | None = MAX_METADATA_KEYS) -> None:
+    """Check depth and number of members, without recursion: what is checked may be nested as deeply as it likes."""
+    members, level = 0, [value]
+    for _ in range(MAX_METADATA_DEPTH):
+        containers = [part for part in level if isinstance(part, dict | list | tuple)]
+        members += sum(map(len, containers))
+        if most is not None and members > most:
+            raise ParameterError(f"metadata has more than {most} members, counted at every depth")
+        if not containers:
+            return
+        level = [member for part in containers for member in (part.values() if isinstance(part, dict) else part)]
+    if any(isinstance(part, dict | list | tuple) for part in level):
+        raise ParameterError(f"metadata is nested more than {MAX_METADATA_DEPTH} deep")
 
 
 def _check_text(name: str, value: object) -> None:

@@ -99,7 +99,7 @@ async def query(
         return await _by_shape(service, _validated(ShapeQuery, await request.body()))
     if kind == "multipart/form-data":
         async with request.form(max_files=1, max_fields=10) as form:
-            return await _by_file(service, form, _wait_seconds(prefer))
+            return await _by_file(service, request, form, _wait_seconds(prefer))
     raise MediaTypeError("multipart/form-data with a file", "application/json with a shape_id")
 
 
@@ -111,7 +111,7 @@ async def _by_shape(service: Service, asked: ShapeQuery) -> Response:
     return JSONResponse(ranking.as_dict())
 
 
-async def _by_file(service: Service, form: FormData, wait: float) -> Response:
+async def _by_file(service: Service, request: Request, form: FormData, wait: float) -> Response:
     file = form.get("file")
     if not isinstance(file, UploadFile):
         raise _invalid(("body", "file"), "a file is required")
@@ -123,22 +123,40 @@ async def _by_file(service: Service, form: FormData, wait: float) -> Response:
     )
     if not isinstance(answer, JobRecord):
         raise TypeError("a query does not become a shape")
-    record = await _waited(service, answer, wait)
+    record = await _waited(service, request, answer, wait)
+    if await request.is_disconnected():  # nobody knows of the job, and nobody will ask for its answer
+        await service.runner.cancel(record.id)
     if record.state == "succeeded":
         return JSONResponse(record.result)
     job = Job.of(record, await service.runner.position(record))
     return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
 
 
-async def _waited(service: Service, job: JobRecord, seconds: float) -> JobRecord:
-    """Wait for a job if that is asked; where too many do, the job it became is answer enough."""
+async def _waited(service: Service, request: Request, job: JobRecord, seconds: float) -> JobRecord:
+    """Wait for a job if that is asked, and while the client is there.
+
+    Where too many wait, the job is answer enough.
+    """
     if not seconds:
         return job
     try:
         with service.waits.one():
-            return await service.runner.wait(job.id, seconds)
+            waiting = asyncio.create_task(service.runner.wait(job.id, seconds))
+            gone = asyncio.create_task(_gone(request))
+            await asyncio.wait([waiting, gone], return_when=asyncio.FIRST_COMPLETED)
+            for task in (waiting, gone):
+                if not task.done():
+                    task.cancel()
+            await asyncio.gather(waiting, gone, return_exceptions=True)
+            return job if waiting.cancelled() else waiting.result()
     except BusyError:
         return job
+
+
+async def _gone(request: Request) -> None:
+    """Wait until the client has gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 def _check(asked: ShapeQuery | FileQuery) -> None:
@@ -160,7 +178,9 @@ def _validated(model: type[M], values: bytes | dict[str, Any]) -> M:
     try:
         return model.model_validate_json(values) if isinstance(values, bytes) else model.model_validate(values)
     except ValidationError as error:
-        details = [{**item, "loc": ("body", *item["loc"])} for item in error.errors(include_url=False)]
+        details = [
+            {**item, "loc": ("body", *item["loc"])} for item in error.errors(include_url=False, include_input=False)
+        ]
         raise RequestValidationError(details) from None
 
 

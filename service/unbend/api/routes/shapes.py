@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Final, get_args
 
 from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import JSONResponse
@@ -18,6 +18,7 @@ from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, 
 from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response, sends
 from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency, service_of
+from unbend.api.strictness import refuse_others
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
@@ -29,6 +30,10 @@ from unbend.signature.export import export_signature
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
+
+
+_FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy"})
+"""Of the form of an upload."""
 
 
 def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
@@ -55,6 +60,7 @@ def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
 )
 async def upload_shape(
     service: ServiceDependency,
+    request: Request,
     file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
     name: Annotated[str, Form(max_length=MAX_TEXT, description="The file's own by default.")] = "",
     label: Annotated[
@@ -69,9 +75,10 @@ async def upload_shape(
     Answered at once with the job that computes it; the job is durable by then. Where the same bytes were stored
     with the same parameters and policy before, that shape is the answer.
     """
+    refuse_others("body", await request.form(), _FIELDS)
+    described = {"name": name_of(file, name), "label": label or None, "metadata": parse_metadata(metadata)}
     upload = await read_upload(file, parameters, policy)
-    request = {"name": name_of(file, name), "label": label or None, "metadata": parse_metadata(metadata)}
-    answer = await service.runner.submit("shape", upload, request)
+    answer = await service.runner.submit("shape", upload, described)
     if isinstance(answer, ShapeRecord):
         return JSONResponse(Shape.of(answer).model_dump(mode="json"))
     job = Job.of(answer, await service.runner.position(answer))

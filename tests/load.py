@@ -279,12 +279,19 @@ def in_threads(functions: Iterable[Callable[[], object]]) -> None:
 
 
 def _is_still(job: dict, then: dict) -> bool:
-    """Whether a job that had ended is as it was; its answer may have lost shapes, and classes, that were removed."""
+    """Whether a job that had ended is as it was.
+
+    Its answer may have lost shapes, and classes, that were removed; those it has bear the names they have now.
+    """
     result, before = job.pop("result"), then["result"]
     if job != {name: value for name, value in then.items() if name != "result"}:
         return False
     if result is None or before is None:
         return result == before
-    parts = ("shapes", "classes")
+    parts = {"shapes": ("id", "distance"), "classes": ("label", "distance", "confidence")}
     same = {name: value for name, value in result.items() if name not in parts}.items() <= before.items()
-    return same and all(entry in before[part] for part in parts for entry in result[part])
+    return same and all(_of(result, *part) <= _of(before, *part) for part in parts.items())
+
+
+def _of(result: dict, part: str, names: tuple[str, ...]) -> set[tuple[object, ...]]:
+    return {tuple(entry[name] for name in names) for entry in result[part]}

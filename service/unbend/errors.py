@@ -10,6 +10,7 @@
     │   └── UnsuitedError         it is in its range, but what is there does not allow it
     ├── StoreError                the library's store
     │   ├── NotFoundError         no such record
+    │   ├── ChangedError          the record was changed since the caller read it
     │   ├── StoreVersionError     the store was made by another version
     │   ├── StoreFullError        its disk has no room
     │   ├── StoreLostError        its file was removed or replaced
@@ -117,6 +118,13 @@ class NotFoundError(StoreError, LookupError):
 
     code = "not_found"
     advice = "Check the identifier; the record may have been deleted."
+
+
+class ChangedError(StoreError):
+    """The record was changed since the caller read it, so that the change would undo another's."""
+
+    code = "precondition_failed"
+    advice = "Read the record again, and send the change with its new ETag."
 
 
 class StoreVersionError(StoreError):

@@ -25,7 +25,7 @@ MEDIA_TYPES = {
 }
 RECORD = {
     "id", "name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "stress",
-    "report", "warnings", "created_at",
+    "report", "warnings", "created_at", "updated_at",
 }  # fmt: skip
 JOB = {
     "id", "kind", "state", "stage", "progress", "position", "attempts", "detail", "error", "shape_id", "result",
@@ -129,7 +129,8 @@ def test_name_label_and_metadata_can_be_changed(http):
     url = f"/v1/shapes/{shape['id']}"
     changed = http.patch(url, json={"label": None, "metadata": {"d": 2}})
     assert changed.status_code == 200
-    assert changed.json() == shape | {"label": None, "metadata": {"d": 2}}
+    edited = {"label": None, "metadata": {"d": 2}, "updated_at": changed.json()["updated_at"]}
+    assert changed.json() == shape | edited
     assert http.get(url).json() == changed.json()
     assert http.patch(url, json={}).json() == changed.json()
     for wrong in ({"name": None}, {"name": ""}, {"label": "x" * 201}, {"sha256": "0"}, {"metadata": [1]}, [], "x"):

@@ -19,6 +19,7 @@ from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
 from unbend.jobs import JobLimits, JobRunner, Upload
 from unbend.jobs.worker import StoredMesh, convert, geodesics_from
+from unbend.library.queue import JobFilter
 from unbend.library.records import JobRecord, ShapeRecord
 from unbend.mesh.shapes import sphere, torus
 
@@ -411,9 +412,12 @@ def test_jobs_are_listed_newest_first_and_by_state(shared, loop):
         good = await queue(runner, small_mesh(50))
         await end(runner, bad)
         await end(runner, good)
-        assert [job.id for job in await runner.newest(state=None, limit=2)] == [good, bad]
-        assert (await runner.newest(state="failed", limit=1))[0].id == bad
-        assert {job.state for job in await runner.newest(state="succeeded", limit=500)} == {"succeeded"}
+        page, _ = await runner.page(JobFilter(), cursor=None, limit=2)
+        assert [job.id for job in page.items] == [good, bad]
+        page, _ = await runner.page(JobFilter(state="failed"), cursor=None, limit=1)
+        assert page.items[0].id == bad
+        page, _ = await runner.page(JobFilter(state="succeeded"), cursor=None, limit=500)
+        assert {job.state for job in page.items} == {"succeeded"}
 
     loop(story())
 

@@ -135,15 +135,6 @@ def test_the_upload_that_became_a_shape_says_nothing_of_it_any_more(library, pat
     assert_nothing_of_it(path, b"renamed", shape.sha256.encode())
 
 
-def test_uploads_of_the_same_file_that_failed_say_nothing_of_it_either(library, path):
-    shape_id = add_secret(library)
-    job_id = ran(library, "shape", LONG, {"name": "name-of-it", "label": "label-of-it", "metadata": {}})
-    assert end(library, job_id, "failed", error={"code": "x", "message": "y", "advice": ""}).request
-    library.remove(shape_id)
-    assert job_of(library, job_id).request == {}
-    assert_nothing_of_it(path)
-
-
 def ranking(*shapes, classes=()) -> dict:
     return {
         "measure": "moments",
@@ -168,6 +159,39 @@ def test_answers_that_named_a_shape_name_it_no_more(library, path):
     assert job_of(library, first).result == ranking(kept, classes=["a"])
     assert job_of(library, unconcerned).result == ranking(kept, classes=["a"])
     assert_nothing_of_it(path)
+
+
+def test_a_label_that_was_changed_is_nowhere_once_nothing_has_it(library, path):
+    shape_id = add_secret(library)
+    job_id = ran(library, "query", b"q", {"measure": "moments", "k": 9})
+    answer = ranking(library.get(shape_id), classes=["label-of-it"])
+    end(library, job_id, "succeeded", result=answer)
+    library.change(shape_id, {"label": "another", "name": "renamed", "metadata": {}})
+    assert_soon_gone(path, b"label-of-it")
+    told = job_of(library, job_id).result
+    assert told["classes"] == []
+    assert [(match["name"], match["label"]) for match in told["shapes"]] == [("renamed", "another")]
+    library.remove(shape_id)
+    assert job_of(library, job_id).result == ranking()
+    assert_nothing_of_it(path, b"renamed", b"another")
+
+
+def test_a_label_comes_back_as_another_class(library):
+    first = add(library, b"one", "one", "a")
+    job_id = ran(library, "query", b"q", {"measure": "moments", "k": 9})
+    end(library, job_id, "succeeded", result=ranking(classes=["a"]))
+    library.remove(first.id)
+    add(library, b"two", "two", "a")
+    assert job_of(library, job_id).result == ranking()
+
+
+def test_what_an_upload_said_is_forgotten_when_it_ends(library, path):
+    said = {"name": "name-of-it", "label": "label-of-it", "metadata": {"k": "metadata-of-it"}}
+    for state in ("failed", "cancelled"):
+        job_id = ran(library, "shape", LONG, said)
+        assert end(library, job_id, state).request == {}
+    for secret in SECRETS:
+        assert_soon_gone(path, secret)
 
 
 def test_a_label_with_signs_of_all_kinds_goes_too(library, path):

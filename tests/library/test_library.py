@@ -204,9 +204,13 @@ def test_a_page_of_less_than_one_shape_is_refused(filled, limit):
 
 def test_name_label_and_metadata_can_be_changed_and_nothing_else(library):
     record = library.add(small_mesh(0), name="a", label="b", metadata={"c": 1}, parameters=FEW)
-    assert library.change(record.id, {"label": None}) == dataclasses.replace(record, label=None)
+    first = library.change(record.id, {"label": None})
+    assert first == dataclasses.replace(record, label=None, updated_at=first.updated_at, changed=first.changed)
     changed = library.change(record.id, {"name": "x", "metadata": {"y": [2]}})
-    assert changed == dataclasses.replace(record, label=None, name="x", metadata={"y": [2]})
+    edited = {"name": "x", "metadata": {"y": [2]}, "updated_at": changed.updated_at, "changed": changed.changed}
+    assert changed == dataclasses.replace(first, **edited)
+    assert record.updated_at < first.updated_at < changed.updated_at
+    assert record.changed < first.changed < changed.changed
     assert library.get(record.id) == changed
     assert library.change(record.id, {}) == changed
     with pytest.raises(ParameterError, match="sha256"):

@@ -90,7 +90,8 @@ def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh
     for table, rows in before.items():
         assert len(after[table]) == len(rows)
         for earlier, later in zip(rows, after[table], strict=True):
-            for column in earlier.keys() - {"policy", "epoch"}:
+            kept = earlier.keys() - {"policy", "epoch"} - ({"result", "request"} if table == "jobs" else set())
+            for column in kept:
                 assert later[column] == earlier[column], (table, column)
             if "policy" in later:
                 assert MeshPolicy.from_json(later["policy"]) == reading(old)
@@ -133,7 +134,7 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
     told = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
     with Library(str(old)) as library:
         with library.store.read() as connection:
-            jobs = queue.list_jobs(connection, state=None, limit=100)
+            jobs = [queue.get_job(connection, job_id) for job_id in told]
         assert len(jobs) == len(told) == 7
         for job in jobs:
             row = told[job.id]
@@ -149,8 +150,9 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
                 "shape_id",
             ):
                 assert getattr(job, name) == row[name]
-            for name in ("request", "result", "error"):
+            for name in ("result", "error"):
                 assert getattr(job, name) == json.loads(row[name] or "null")
+            assert job.request == ({} if job.finished else json.loads(row["request"]))
             assert job.created_at.timestamp() == row["created_at"]
         with library.store.write() as connection:
             job = queue.claim(connection)

@@ -19,6 +19,9 @@ _ALWAYS: Final = {
     "X-Frame-Options": "DENY",
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
 }
+ETAG: Final = {
+    "ETag": {"description": "Another one after each change.", "required": True, "schema": {"type": "string"}}
+}
 LOCATION: Final = {
     "Location": {
         "description": "Where the job is.",
@@ -30,7 +33,7 @@ DISPOSITION: Final = {
     "Content-Disposition": {"description": "The file's name.", "required": True, "schema": {"type": "string"}},
     "Vary": {"description": "Accept chooses the format.", "required": True, "schema": {"type": "string"}},
 }
-"""How OpenAPI documents the headers of a file; and where the job is that an answer tells of."""
+"""How OpenAPI documents the headers of a record and of a file; and where the job is that an answer tells of."""
 
 _PAGES: Final = frozenset({"/docs", "/docs/oauth2-redirect", "/redoc"})
 # Swagger UI and ReDoc make style elements of their own as they run, ReDoc a worker too, and draw images from data.

@@ -40,6 +40,7 @@ class Shape(BaseModel):
     report: dict[str, Any] = Field(description="What reading the mesh found and repaired; `notes` in plain words.")
     warnings: list[str] = Field(description=_WARNINGS, examples=[[_WARNING]])
     created_at: datetime
+    updated_at: datetime = Field(description="When its name, label or metadata changed last.")
 
     @classmethod
     def of(cls, record: ShapeRecord) -> Self:
@@ -106,7 +107,7 @@ class Ranking(BaseModel):
     )
 
 
-class Job(BaseModel):
+class JobSummary(BaseModel):
     """A computation: queued, running, and then succeeded, failed or cancelled for good."""
 
     id: Id
@@ -122,7 +123,6 @@ class Job(BaseModel):
     attempts: int = Field(description="How often it was begun; a lost process costs one.")
     error: JobError | None
     shape_id: Id | None = Field(description="Of a succeeded upload: the shape it became.")
-    result: Ranking | None = Field(description="Of a succeeded query.")
     warnings: list[str] = Field(description=f"Of a succeeded job. {_WARNINGS}")
     created_at: datetime
     started_at: datetime | None
@@ -135,10 +135,25 @@ class Job(BaseModel):
         return cls.model_validate(values | {"position": position})
 
 
-class JobList(BaseModel):
-    """The newest jobs first."""
+class Job(JobSummary):
+    """A computation with its answer."""
 
-    items: list[Job]
+    result: Ranking | None = Field(
+        description="Of a succeeded query, with the names and labels that its shapes have now."
+    )
+
+
+class JobList(BaseModel):
+    """The newest jobs first, without their results."""
+
+    items: list[JobSummary]
+    next_cursor: str | None = Field(description="Give it as `cursor` to get the next page; null on the last.")
+
+
+class Forgotten(BaseModel):
+    """What became of the history."""
+
+    forgotten: int = Field(description="Jobs that were there, and are no more.", examples=[1200])
 
 
 class ShapeQuery(BaseModel):

@@ -29,6 +29,7 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.ParameterError: 422,
     errors.UnsuitedError: 409,
     errors.NotFoundError: 404,
+    errors.ChangedError: 412,
     errors.AccessError: 403,
     errors.KeyRequiredError: 401,
     errors.KeyInvalidError: 401,

@@ -61,6 +61,10 @@ class Settings(BaseSettings):
     job_memory_mb: int = Field(
         8192, ge=1024, le=_ADDRESSES_MB, description="Megabytes of address space that a worker may use."
     )
+    job_history: int = Field(100_000, ge=0, le=_MANY, description="Jobs that have ended and are kept; the newest.")
+    job_days: float = Field(
+        0.0, ge=0, le=_MANY, allow_inf_nan=False, description="Days that a job is kept after its end; 0 for no limit."
+    )
     reserve_mb: int = Field(
         0, ge=0, le=_MANY, description="Megabytes of the library's disk kept for removals; 0 for max_upload_mb + 16."
     )
@@ -166,6 +170,8 @@ class Settings(BaseSettings):
             memory_mb=self.job_memory_mb,
             queued=self.max_queued,
             drain_seconds=self.drain_seconds,
+            history=self.job_history,
+            history_days=self.job_days,
             mesh=MeshLimits(self.max_vertices, self.max_faces),
         )
 

@@ -8,6 +8,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Collection
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Final, TypeVar
 
@@ -32,6 +33,7 @@ T = TypeVar("T")
 
 _RETRY_SECONDS: Final = 1.0
 _LOOK_SECONDS: Final = 5.0
+_HISTORY_SECONDS: Final = 60.0
 _LAST_SECONDS: Final = 3.0
 """How long a server that stops tries to write to a store that fails. The next server finds what was not written."""
 
@@ -58,6 +60,7 @@ class Dispatcher:
         self._wake = asyncio.Event()
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._loop_task: asyncio.Task[None] | None = None
+        self._history_task: asyncio.Task[None] | None = None
         self._is_stopping = False
         self._hurry = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -68,6 +71,7 @@ class Dispatcher:
         for job in await self._made(self._recover):
             self.note_end(job)
         self._loop_task = asyncio.create_task(self._dispatch(), name="unbend dispatcher")
+        self._history_task = asyncio.create_task(self._bound_history(), name="unbend history")
 
     async def stop(self) -> None:
         """Claim no more, give running jobs `limits.drain_seconds`, put the rest back into the queue.
@@ -75,9 +79,9 @@ class Dispatcher:
         Where the store cannot be written, the rest stays as it is: the next server puts it back.
         """
         self._is_stopping = True
-        if self._loop_task:
-            self._loop_task.cancel()
-            await asyncio.gather(self._loop_task, return_exceptions=True)
+        for task in filter(None, (self._loop_task, self._history_task)):
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
         await self._drain()
         left = dict(self._tasks)
         for task in left.values():
@@ -127,6 +131,24 @@ class Dispatcher:
             logger.info("%s job %s", job.kind, job.state)
         self._observer.ended(job)
         self._news.change(job.id)
+
+    async def forget(self, before: datetime | None = None, keep: int | None = None) -> int:
+        """Forget jobs that have ended, some at a time, as `queue.forget_ended` has it; return how many."""
+        count = 0
+        while some := await asyncio.wrap_future(
+            self._writer.submit(partial(queue.forget_ended, before=before, keep=keep))
+        ):
+            count += some
+        return count
+
+    async def _bound_history(self) -> None:
+        """Forget jobs beyond the limits, from time to time."""
+        while True:
+            with contextlib.suppress(StoreError):  # the next time it may be written
+                await self.forget(keep=self._limits.history)
+                if self._limits.history_days:
+                    await self.forget(before=datetime.now(UTC) - timedelta(days=self._limits.history_days))
+            await asyncio.sleep(_HISTORY_SECONDS)
 
     async def _dispatch(self) -> None:
         while True:

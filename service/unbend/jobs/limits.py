@@ -40,6 +40,10 @@ class JobLimits:
     calls: int = 32
     """Calls past the queue that may wait."""
     mesh: MeshLimits = MESH_LIMITS
+    history: int = 100_000
+    """Jobs that have ended and are kept."""
+    history_days: float = 0.0
+    """Days that a job is kept after its end; 0 for no limit."""
 
 
 def limit_process(memory_bytes: int | None) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextvars import copy_context
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from typing import Any, Final, TypeVar
 
@@ -22,7 +23,8 @@ from unbend.jobs.pool import WorkerPool
 from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
-from unbend.library.records import JobKind, JobRecord, JobState, ShapeRecord
+from unbend.library.queue import JobFilter
+from unbend.library.records import JobKind, JobPage, JobRecord, ShapeRecord
 from unbend.library.writer import Writer
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
@@ -122,7 +124,7 @@ class JobRunner:
         """
         key = UploadKey.of(upload.data, upload.parameters, upload.policy)
         context = copy_context()  # that of the request: who observes jobs may want to know it
-        answer = await self._made(lambda connection: context.run(self._enqueue, connection, kind, key, upload, request))
+        answer = await self.write(lambda connection: context.run(self._enqueue, connection, kind, key, upload, request))
         if isinstance(answer, JobRecord):
             CURRENT_JOB.set(answer.id)
         self._dispatcher.wake()
@@ -132,10 +134,10 @@ class JobRunner:
         """Return a job with its live progress; NotFoundError if there is none."""
         return self._live(await self._library.store.fetch(partial(queue.get_job, job_id=job_id)))
 
-    async def newest(self, *, state: JobState | None, limit: int) -> list[JobRecord]:
-        """Return the newest jobs, of one state if given."""
-        found = await asyncio.to_thread(self._newest, state, limit)
-        return [self._live(job) for job in found]
+    async def page(self, which: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
+        """Return some jobs as summaries, the newest first, and how many wait before each that waits, by id."""
+        page, ahead = await asyncio.to_thread(self._page, which, cursor, limit)
+        return dataclasses.replace(page, items=[self._live(job) for job in page.items]), ahead
 
     async def queued(self) -> int:
         """Return how many jobs wait."""
@@ -206,13 +208,17 @@ class JobRunner:
         finally:
             self._calls -= 1
 
+    async def forget(self, before: datetime) -> int:
+        """Forget the jobs that ended before; return how many."""
+        return await self._dispatcher.forget(before=before)
+
     async def cancel(self, job_id: str) -> JobRecord:
         """Cancel a job: a queued one is never run, a running one's process is killed; an ended one stays."""
         error = describe(JobCancelledError("the job was cancelled"))
         CURRENT_JOB.set(job_id)
         report = self._news.last(job_id)
         reached = {"stage": report.stage, "progress": report.share} if report else None
-        ended = await self._made(
+        ended = await self.write(
             lambda connection: queue.finish(connection, job_id, "cancelled", error=error, reached=reached)
         )
         if ended:
@@ -220,7 +226,8 @@ class JobRunner:
             self._dispatcher.note_end(ended)
         return await self.status(job_id)
 
-    async def _made(self, change: Callable[[Connection], T]) -> T:
+    async def write(self, change: Callable[[Connection], T]) -> T:
+        """Have a change made to the library, in its turn, and wait until it is on disk; no thread waits meanwhile."""
         return await asyncio.wrap_future(self._writer.submit(change))
 
     def _enqueue(
@@ -240,9 +247,10 @@ class JobRunner:
         self._observer.submitted(job)
         return job
 
-    def _newest(self, state: JobState | None, limit: int) -> list[JobRecord]:
+    def _page(self, which: JobFilter, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
         with self._library.store.read() as connection:
-            return queue.list_jobs(connection, state=state, limit=limit)
+            page = queue.list_jobs(connection, which, cursor=cursor, limit=limit)
+            return page, queue.positions(connection, page.items)
 
     def _live(self, job: JobRecord) -> JobRecord:
         live = self._news.last(job.id) if job.state == "running" else None

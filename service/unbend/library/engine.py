@@ -64,6 +64,7 @@ class Store:
             event.listen(self._engine, "begin", _begin_sqlite)
         if migrate:
             _migrate(self._engine)
+            self.erase("soon")  # a migration may take words out of the history
         self._memory = Memory(self._engine) if self._is_file else None
         self._place = Place(sqlite_file(url).absolute()) if _is_on_disk(url) else None
 

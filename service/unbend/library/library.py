@@ -145,12 +145,17 @@ class Library:
         with self.store.read() as connection:
             return rows.get_shape(connection, shape_id)
 
-    def page(self, *, label: str | None = None, cursor: str | None = None, limit: int = 100) -> ShapePage:
-        """Return up to `limit` (at most 500) shapes after `cursor`, in the order they were added."""
+    def page(
+        self, *, label: str | None = None, sha256: str | None = None, cursor: str | None = None, limit: int = 100
+    ) -> ShapePage:
+        """Return up to `limit` (at most 500) shapes after `cursor`, in the order they were added.
+
+        Only those of a class, or made from the file with a hash, where that is given.
+        """
         if limit < 1:
             raise ParameterError(f"limit must be at least 1, not {limit}")
         with self.store.read() as connection:
-            return rows.list_shapes(connection, label=label, cursor=cursor, limit=limit)
+            return rows.list_shapes(connection, label=label, sha256=sha256, cursor=cursor, limit=limit)
 
     def change(self, shape_id: str, changes: dict[str, Any]) -> ShapeRecord:
         """Set some of a shape's name, label and metadata."""

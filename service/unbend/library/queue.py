@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
-from sqlalchemy import Connection, bindparam, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
-from unbend.library.forgetting import without_gone
+from unbend.library.answers import pack_answer, unpack_answer
+from unbend.library.erasing import mark_erased
 from unbend.library.key import UploadKey
-from unbend.library.records import JobKind, JobRecord, JobState
+from unbend.library.records import JobKind, JobPage, JobRecord, JobState
 from unbend.library.schema import Instant, jobs
-from unbend.library.shapes import drop_unused_mesh
+from unbend.library.shapes import as_seq, drop_unused_mesh
 
 Lost = Literal["worker", "server", "nothing"]
 """Why a job is given back: its process died, the whole server died, or the server stops in order."""
+
+_ENDED: Final = ("succeeded", "failed", "cancelled")
+_FORGOTTEN: Final = 500
+"""Jobs that are forgotten in one transaction: others that write wait for no more."""
+
+_SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
 
 # Made once: to make a statement costs more than to run it.
 _UNFINISHED = jobs.c.state.in_(("queued", "running"))
@@ -68,16 +76,69 @@ def get_job(connection: Connection, job_id: str) -> JobRecord:
     """Return a job; NotFoundError if there is none of this id."""
     row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
     if row is None:
-        raise NotFoundError(f"no job {job_id}")
-    return _record(row)
+        raise NotFoundError(f"no job {job_id}: there is none, or it ended long ago and was forgotten")
+    return _record(row, unpack_answer(connection, row.result))
 
 
-def list_jobs(connection: Connection, *, state: JobState | None, limit: int) -> list[JobRecord]:
-    """Return the newest jobs, of one state if given."""
-    query = select(jobs).order_by(jobs.c.seq.desc()).limit(limit)
-    if state is not None:
-        query = query.where(jobs.c.state == state)
-    return [_record(row) for row in connection.execute(query)]
+@dataclass(frozen=True)
+class JobFilter:
+    """Which jobs a list has."""
+
+    state: JobState | None = None
+    kind: JobKind | None = None
+    shape_id: str | None = None
+
+
+def list_jobs(connection: Connection, which: JobFilter, *, cursor: str | None, limit: int) -> JobPage:
+    """Return up to `limit` jobs that began before `cursor`, the newest first, without their results."""
+    query = select(*_SUMMARY).order_by(jobs.c.seq.desc()).limit(limit + 1)
+    for name, value in vars(which).items():
+        if value is not None:
+            query = query.where(jobs.c[name] == value)
+    if cursor is not None:
+        query = query.where(jobs.c.seq < as_seq(cursor))
+    rows = [JobRecord(**row._asdict(), result=None) for row in connection.execute(query)]
+    page = rows[:limit]
+    return JobPage(page, str(page[-1].seq) if len(rows) > limit else None)
+
+
+def positions(connection: Connection, page: Sequence[JobRecord]) -> dict[str, int]:
+    """Return how many jobs wait before each that waits, by id."""
+    waiting = [job.seq for job in page if job.state == "queued"]
+    if not waiting:
+        return {}
+    ahead = (func.row_number().over(order_by=jobs.c.seq) - 1).label("ahead")
+    numbered = (
+        select(jobs.c.id, jobs.c.seq, ahead).where(jobs.c.state == "queued", jobs.c.seq <= max(waiting)).subquery()
+    )
+    rows = connection.execute(select(numbered.c.id, numbered.c.ahead).where(numbered.c.seq >= min(waiting)))
+    return {row.id: row.ahead for row in rows}
+
+
+def forget_ended(connection: Connection, *, before: datetime | None = None, keep: int | None = None) -> int:
+    """Forget some of the jobs that have ended; return how many. Called again until none is left, others go between.
+
+    Parameters
+    ----------
+    connection : Connection
+    before : datetime, optional
+        Those that ended before.
+    keep : int, optional
+        All but the newest so many.
+    """
+    ended = jobs.c.state.in_(_ENDED)
+    if before is not None:
+        which = ended & (jobs.c.finished_at < before)
+    else:
+        newest = (
+            select(jobs.c.seq).where(ended).order_by(jobs.c.seq.desc()).offset(keep or 0).limit(1).scalar_subquery()
+        )
+        which = ended & (jobs.c.seq <= newest)
+    seqs = connection.scalars(select(jobs.c.seq).where(which).limit(_FORGOTTEN)).all()
+    connection.execute(delete(jobs).where(jobs.c.seq.in_(seqs)))
+    if seqs:
+        mark_erased(connection, "soon")
+    return len(seqs)
 
 
 def find_active(connection: Connection, *, kind: JobKind, key: UploadKey) -> JobRecord | None:
@@ -125,8 +186,9 @@ def finish(
         "state": state,
         "finished_at": datetime.now(UTC),
         "error": error,
-        "result": without_gone(connection, result),  # shapes may have been removed since it was made
+        "result": pack_answer(connection, result),
         "warnings": list(warnings),
+        "request": {},  # what was said of a shape is the shape's from now on, and goes with it
     }
     values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if state == "succeeded" else reached or {}
     row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
@@ -134,7 +196,7 @@ def finish(
         return None
     if shape_id is None:  # a shape needs it
         drop_unused_mesh(connection, row.mesh_sha256)
-    return _record(row)
+    return _record(row, unpack_answer(connection, row.result))
 
 
 def running_jobs(connection: Connection) -> list[JobRecord]:
@@ -142,5 +204,5 @@ def running_jobs(connection: Connection) -> list[JobRecord]:
     return [_record(row) for row in connection.execute(select(jobs).where(jobs.c.state == "running"))]
 
 
-def _record(row: Row[Any]) -> JobRecord:
-    return JobRecord(**row._asdict())
+def _record(row: Row[Any], result: dict[str, Any] | None = None) -> JobRecord:
+    return JobRecord(**row._asdict() | {"result": result})

@@ -29,6 +29,9 @@ class ShapeRecord:
     warnings: list[str]
     """Sentences that say why its signature may be wrong, and what to do."""
     created_at: datetime
+    updated_at: datetime
+    changed: int
+    """The revision of the library that last changed it, 0 if none did."""
     seq: int
 
 
@@ -82,3 +85,11 @@ class JobRecord:
     def finished(self) -> bool:
         """Whether the state will not change any more."""
         return self.state in {"succeeded", "failed", "cancelled"}
+
+
+@dataclass(frozen=True)
+class JobPage:
+    """Some jobs without their results, the newest first, and where the next page begins."""
+
+    items: list[JobRecord]
+    next_cursor: str | None

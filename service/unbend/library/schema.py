@@ -92,11 +92,21 @@ shapes = Table(
     Column("signature_id", ForeignKey("signatures.id"), nullable=False, unique=True),
     Column("created_at", Instant, nullable=False),
     Column("changed", Integer, nullable=False, server_default="0"),
+    Column("updated_at", Instant, nullable=False, server_default="0"),
     Index(None, "label", "seq"),
     Index(None, "changed"),
     sqlite_autoincrement=True,
     comment="The library's members. seq never comes again, so that pages and the search index can rely on it; "
     "changed is the revision that last changed a row since it was added.",
+)
+
+labels = Table(
+    "labels",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=True),
+    Column("text", String, nullable=False, unique=True),
+    sqlite_autoincrement=True,
+    comment="Classes that stored answers name; each goes with its last member.",
 )
 
 removals = Table(
@@ -133,6 +143,8 @@ jobs = Table(
     Column("warnings", JSON, nullable=False, server_default="[]"),
     Index(None, "state", "seq"),
     Index(None, "mesh_sha256"),
+    Index(None, "shape_id"),
+    Index(None, "finished_at"),
     sqlite_autoincrement=True,
     comment="The queue and its history.",
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -12,9 +12,9 @@ from typing import Any, Final
 from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
-from unbend.errors import NotFoundError, ParameterError
+from unbend.errors import ChangedError, NotFoundError, ParameterError
+from unbend.library.answers import forget_label
 from unbend.library.erasing import mark_erased
-from unbend.library.forgetting import forget_in_jobs
 from unbend.library.key import UploadKey
 from unbend.library.payload import PackedSignature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
@@ -30,7 +30,8 @@ _UNSHOWN: Final = "the metadata is nested too deeply to be shown: set it anew"
 _COLUMNS = (
     shapes.c.id, shapes.c.name, shapes.c.label, _METADATA, meshes.c.sha256, meshes.c.size,
     signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
-    signatures.c.report, signatures.c.warnings, shapes.c.created_at, shapes.c.seq,
+    signatures.c.report, signatures.c.warnings, shapes.c.created_at,
+    shapes.c.updated_at, shapes.c.changed, shapes.c.seq,
 )  # fmt: skip
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
     meshes, signatures.c.mesh_sha256 == meshes.c.sha256
@@ -131,8 +132,9 @@ def add_shape(connection: Connection, new: NewShape) -> str:
     )
     shape_id = uuid.uuid4().hex
     described = {"name": new.name, "label": new.label, "metadata": new.metadata}
+    now = datetime.now(UTC)
     connection.execute(
-        _ADD_SHAPE, {"id": shape_id, "signature_id": signature_id, "created_at": datetime.now(UTC), **described}
+        _ADD_SHAPE, {"id": shape_id, "signature_id": signature_id, "created_at": now, "updated_at": now, **described}
     )
     return shape_id
 
@@ -177,40 +179,72 @@ def get_matches(connection: Connection, seqs: Sequence[int], distances: Sequence
     return [ShapeMatch(row.id, row.name, row.label, distance) for row, distance in ranked]
 
 
-def list_shapes(connection: Connection, *, label: str | None, cursor: str | None, limit: int) -> ShapePage:
+def list_shapes(
+    connection: Connection, *, label: str | None = None, sha256: str | None = None, cursor: str | None, limit: int
+) -> ShapePage:
     """Return up to `limit` shapes after `cursor`, in the order they were added."""
     query = select(*_COLUMNS).select_from(_JOINED).order_by(shapes.c.seq).limit(min(limit, MAX_PAGE) + 1)
     if label is not None:
         query = query.where(shapes.c.label == label)
+    if sha256 is not None:
+        query = query.where(signatures.c.mesh_sha256 == sha256)
     if cursor is not None:
-        query = query.where(shapes.c.seq > _cursor(cursor))
+        query = query.where(shapes.c.seq > as_seq(cursor))
     rows = [_record(row) for row in connection.execute(query)]
     page = rows[: min(limit, MAX_PAGE)]
     return ShapePage(page, str(page[-1].seq) if len(rows) > len(page) else None)
 
 
-def change_shape(connection: Connection, shape_id: str, changes: dict[str, Any]) -> ShapeRecord:
-    """Change a shape's name, label or metadata."""
-    get_shape(connection, shape_id)
+def change_shape(
+    connection: Connection, shape_id: str, changes: dict[str, Any], expected: Collection[int] | None = None
+) -> ShapeRecord:
+    """Change a shape's name, label or metadata.
+
+    Parameters
+    ----------
+    connection : Connection
+    shape_id : str
+    changes : dict
+    expected : collection of int, optional
+        Revisions that may have changed it last, as far as the caller knows.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such shape.
+    ChangedError
+        If another revision changed it since.
+    """
+    record = _expect(connection, shape_id, expected)
     if changes:
-        revision = _next_revision(connection)
-        connection.execute(update(shapes).where(shapes.c.id == shape_id).values(**changes, changed=revision))
+        made = {"changed": _next_revision(connection), "updated_at": datetime.now(UTC)}
+        connection.execute(update(shapes).where(shapes.c.id == shape_id).values(**changes, **made))
+        if "label" in changes:
+            forget_label(connection, record.label)
     return get_shape(connection, shape_id)
 
 
-def remove_shape(connection: Connection, shape_id: str) -> None:
+def remove_shape(connection: Connection, shape_id: str, expected: Collection[int] | None = None) -> None:
     """Remove a shape, its signature and descriptors, and its file unless something else needs it.
 
-    Jobs that have ended stay, without what they say of the shape.
+    Jobs that have ended stay, without what they say of the shape. `expected` is as in `change_shape`.
     """
-    record = get_shape(connection, shape_id)
+    record = _expect(connection, shape_id, expected)
     signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
     connection.execute(delete(shapes).where(shapes.c.id == shape_id))
     connection.execute(delete(signatures).where(signatures.c.id == signature_id))
-    forget_in_jobs(connection, shape_id, record.label, record.sha256)
+    connection.execute(update(jobs).where(jobs.c.shape_id == shape_id).values(warnings=[]))
+    forget_label(connection, record.label)
     drop_unused_mesh(connection, record.sha256)
     mark_erased(connection, "now")
     connection.execute(insert(removals).values(seq=record.seq, revision=_next_revision(connection)))
+
+
+def _expect(connection: Connection, shape_id: str, expected: Collection[int] | None) -> ShapeRecord:
+    record = get_shape(connection, shape_id)
+    if expected is not None and record.changed not in expected:
+        raise ChangedError(f"shape {shape_id} was changed since it was read")
+    return record
 
 
 def count_labels(connection: Connection) -> dict[str, int]:
@@ -231,7 +265,8 @@ def _next_revision(connection: Connection) -> int:
     return int(connection.scalars(_NEXT_REVISION).one())
 
 
-def _cursor(text: str) -> int:
+def as_seq(text: str) -> int:
+    """Return where a page begins; ParameterError if the text is no cursor of a page."""
     if not text.isdecimal() or len(text) > 18:
         raise ParameterError(f"cursor {text[:40]!r} did not come from a page of this library")
     return int(text)

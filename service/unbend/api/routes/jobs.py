@@ -2,33 +2,55 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
+from pydantic import AwareDatetime
 
 from unbend.api.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
-from unbend.api.fields import JobId
-from unbend.api.links import job_links, shape_links
-from unbend.api.models import Job, JobList
+from unbend.api.fields import Id, JobId
+from unbend.api.links import job_links, next_page, shape_links
+from unbend.api.models import Forgotten, Job, JobList, JobSummary
 from unbend.api.problems import problem_responses
 from unbend.api.service import Service, ServiceDependency
-from unbend.library.records import JobRecord, JobState
+from unbend.library.queue import JobFilter
+from unbend.library.records import JobKind, JobRecord, JobState
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 
 MAX_WAIT_SECONDS = 60.0
 
 
-@router.get("", responses={200: {"links": job_links("$response.body#/items/0/id")}, **problem_responses(422)})
+@router.get(
+    "",
+    responses={
+        200: {"links": job_links("$response.body#/items/0/id") | next_page("list_jobs")},
+        **problem_responses(422),
+    },
+)
 async def list_jobs(
     service: ServiceDependency,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
+    kind: Annotated[JobKind | None, Query(description="Only uploads, or only queries.")] = None,
+    shape_id: Annotated[Id | None, Query(description="Only uploads that became this shape.")] = None,
+    cursor: Annotated[
+        str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
+    ] = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> JobList:
-    """List jobs, the newest first."""
-    records = await service.runner.newest(state=state, limit=limit)
-    return JobList(items=list(await asyncio.gather(*(_with_position(service, record) for record in records))))
+    """List jobs without their results, the newest first."""
+    page, ahead = await service.runner.page(JobFilter(state, kind, shape_id), cursor=cursor, limit=limit)
+    items = [JobSummary.of(record, ahead.get(record.id)) for record in page.items]
+    return JobList(items=items, next_cursor=page.next_cursor)
+
+
+@router.delete("", responses=problem_responses(422))
+async def forget_jobs(
+    service: ServiceDependency,
+    before: Annotated[AwareDatetime, Query(description="An instant with its offset (RFC 3339).")],
+) -> Forgotten:
+    """Forget the jobs that ended before an instant. Shapes that uploads became stay."""
+    return Forgotten(forgotten=await service.runner.forget(before))
 
 
 @router.get(

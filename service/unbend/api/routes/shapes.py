@@ -6,13 +6,14 @@ import asyncio
 from functools import partial
 from typing import Annotated, Any, Final, get_args
 
-from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
+from fastapi import APIRouter, Depends, File, Form, Header, Query, Request, Response, UploadFile
 from fastapi.responses import JSONResponse
 from pydantic import WithJsonSchema
 from sqlalchemy import Connection
 
+from unbend.api.conditions import etag_of, expected_revisions, is_known
 from unbend.api.fields import FILE, FILE_ENCODING, MetadataText, ParametersText, PolicyText, ShapeId
-from unbend.api.headers import DISPOSITION, LOCATION
+from unbend.api.headers import DISPOSITION, ETAG, LOCATION
 from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
 from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response, sends
@@ -24,12 +25,17 @@ from unbend.geodesics.distances import Update
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library import shapes as rows
 from unbend.library.records import ShapeRecord
+from unbend.library.values import check_changes
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import MAX_TEXT
 from unbend.signature.export import export_signature
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
+
+IfMatch = Annotated[
+    str | None, Header(description="The ETag that the record had when it was read: 412 where it was changed since.")
+]
 
 
 _FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy"})
@@ -98,44 +104,77 @@ def list_shapes(
     cursor: Annotated[
         str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
     ] = None,
+    sha256: Annotated[
+        str | None, Query(pattern=r"^[0-9a-f]{64}$", description="Only shapes made from the file with this hash.")
+    ] = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> ShapePage:
     """List shapes in the order they were added."""
-    page = service.library.page(label=label, cursor=cursor, limit=limit)
+    page = service.library.page(label=label, sha256=sha256, cursor=cursor, limit=limit)
     return ShapePage(items=[Shape.of(record) for record in page.items], next_cursor=page.next_cursor)
 
 
 @router.get(
     "/{shape_id}",
     response_model=Shape,
-    responses={200: {"links": shape_links("$response.body#/id", "get_shape")}, **problem_responses(404, 422)},
+    responses={
+        200: {"headers": ETAG, "links": shape_links("$response.body#/id", "get_shape")},
+        304: {"description": "`If-None-Match` has its ETag: it was not changed."},
+        **problem_responses(404, 422),
+    },
 )
 async def get_shape(request: Request, shape_id: ShapeId) -> Response:
     """Return a shape's record."""
     look = partial(_record_text, shape_id=shape_id)
-    store = service_of(request).library.store
-    return Response(await store.fetch(look, ("record", shape_id)), media_type="application/json")
+    text, tag = await service_of(request).library.store.fetch(look, ("record", shape_id))
+    if is_known(request.headers, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    return Response(text, media_type="application/json", headers={"ETag": tag})
 
 
-def _record_text(connection: Connection, shape_id: str) -> bytes:
-    """Return a record as it is answered, so that this is what is remembered."""
-    return Shape.of(rows.get_shape(connection, shape_id)).model_dump_json().encode()
+def _record_text(connection: Connection, shape_id: str) -> tuple[bytes, str]:
+    """Return a record as it is answered, and its ETag, so that this is what is remembered."""
+    record = rows.get_shape(connection, shape_id)
+    return Shape.of(record).model_dump_json().encode(), etag_of(record)
 
 
 @router.patch(
     "/{shape_id}",
-    responses={200: {"links": shape_links("$response.body#/id", "change_shape")}, **problem_responses(404, 415, 422)},
+    responses={
+        200: {"headers": ETAG, "links": shape_links("$response.body#/id", "change_shape")},
+        **problem_responses(404, 412, 415, 422),
+    },
     dependencies=[Depends(sends("application/json"))],
 )
-def change_shape(service: ServiceDependency, shape_id: ShapeId, changes: ShapeChanges) -> Shape:
+async def change_shape(
+    service: ServiceDependency,
+    request: Request,
+    response: Response,
+    shape_id: ShapeId,
+    changes: ShapeChanges,
+    if_match: IfMatch = None,  # noqa: ARG001  for the document: all headers of this name count
+) -> Shape:
     """Change a shape's name, label or metadata."""
-    return Shape.of(service.library.change(shape_id, changes.model_dump(exclude_unset=True)))
+    wanted = changes.model_dump(exclude_unset=True)
+    check_changes(wanted)
+    expected = expected_revisions(request.headers, shape_id)
+    record = await service.runner.write(
+        partial(rows.change_shape, shape_id=shape_id, changes=wanted, expected=expected)
+    )
+    response.headers["ETag"] = etag_of(record)
+    return Shape.of(record)
 
 
-@router.delete("/{shape_id}", status_code=204, responses=problem_responses(404, 422))
-def remove_shape(service: ServiceDependency, shape_id: ShapeId) -> None:
+@router.delete("/{shape_id}", status_code=204, responses=problem_responses(404, 412, 422))
+async def remove_shape(
+    service: ServiceDependency,
+    request: Request,
+    shape_id: ShapeId,
+    if_match: IfMatch = None,  # noqa: ARG001
+) -> None:
     """Remove a shape: its record, signature, descriptors and file."""
-    service.library.remove(shape_id)
+    expected = expected_revisions(request.headers, shape_id)
+    await service.runner.write(partial(rows.remove_shape, shape_id=shape_id, expected=expected))
 
 
 @router.get("/{shape_id}/mesh", response_class=Response, responses=_file_responses(*MEDIA_TYPES))

@@ -1,0 +1,101 @@
+"""Stored answers of queries: they refer to shapes and classes, so that what is removed is in none of them.
+
+A stored answer has, in place of each match, the shape's seq and the distance, and in place of each class its row in
+`labels`. Names and labels are put in when it is read: a shape, or a class, that is gone drops out by itself, and to
+remove one takes no search through history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Any, Final, TypeVar
+
+from sqlalchemy import Column, Connection, Row, Select, delete, insert, select
+
+from unbend.library.erasing import mark_erased
+from unbend.library.schema import labels, shapes
+
+T = TypeVar("T")
+
+_BATCH: Final = 500
+"""Values that one statement names."""
+
+
+def pack_answer(connection: Connection, ranking: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return a ranking as it is stored, without the shapes and classes that the library does not have any more."""
+    if ranking is None:
+        return None
+    seqs = {row.id: row.seq for row in _rows(connection, shapes.c.id, (each["id"] for each in ranking["shapes"]))}
+    rows = _label_rows(connection, [each["label"] for each in ranking["classes"]])
+    return ranking | {
+        "shapes": [[seqs[each["id"]], each["distance"]] for each in ranking["shapes"] if each["id"] in seqs],
+        "classes": [
+            [rows[each["label"]], each["distance"], each["confidence"]]
+            for each in ranking["classes"]
+            if each["label"] in rows
+        ],
+    }
+
+
+def unpack_answer(connection: Connection, stored: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return the ranking that is stored, with the names and labels that its shapes have by now."""
+    if stored is None:
+        return None
+    there = {row.seq: row for row in _rows(connection, shapes.c.seq, (seq for seq, _ in stored["shapes"]))}
+    texts = _texts(connection, (row for row, _, _ in stored["classes"]))
+    return stored | {
+        "shapes": [
+            {"id": row.id, "name": row.name, "label": row.label, "distance": distance}
+            for seq, distance in stored["shapes"]
+            if (row := there.get(seq))
+        ],
+        "classes": [
+            {"label": texts[row], "distance": distance, "confidence": confidence}
+            for row, distance, confidence in stored["classes"]
+            if row in texts
+        ],
+    }
+
+
+def forget_label(connection: Connection, label: str | None) -> None:
+    """Take a class out of all answers if it has no members any more."""
+    if label is not None and connection.scalar(select(shapes.c.seq).where(shapes.c.label == label).limit(1)) is None:
+        connection.execute(delete(labels).where(labels.c.text == label))
+        mark_erased(connection, "now")
+
+
+def _label_rows(connection: Connection, texts: list[str]) -> dict[str, int]:
+    """Return the row of each label that has members; it is made where there is none."""
+    present = {
+        text
+        for batch in _batches(texts)
+        for text in connection.scalars(select(shapes.c.label).where(shapes.c.label.in_(batch)).distinct())
+    }
+    known = {
+        text: row
+        for batch in _batches(present)
+        for row, text in connection.execute(select(labels.c.id, labels.c.text).where(labels.c.text.in_(batch)))
+    }
+    for text in sorted(present - set(known)):
+        known[text] = connection.scalars(insert(labels).values(text=text).returning(labels.c.id)).one()
+    return known
+
+
+def _texts(connection: Connection, rows: Iterable[int]) -> dict[int, str]:
+    named = select(labels.c.id, labels.c.text)
+    return {
+        row.id: row.text for batch in _batches(rows) for row in connection.execute(named.where(labels.c.id.in_(batch)))
+    }
+
+
+def _rows(connection: Connection, column: Column[Any], values: Iterable[Any]) -> Iterator[Row[Any]]:
+    wanted: Select[Any] = select(shapes.c.seq, shapes.c.id, shapes.c.name, shapes.c.label)
+    for batch in _batches(values):
+        yield from connection.execute(wanted.where(column.in_(batch)))
+
+
+def _batches(values: Iterable[T]) -> Iterator[list[T]]:
+    rest = iter(values)
+    while batch := list(islice(rest, _BATCH)):
+        yield batch

@@ -1,0 +1,81 @@
+"""History: answers refer to shapes and classes, ended jobs keep no words of an upload; shapes say when they changed."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0008"
+down_revision = "0007"
+branch_labels = None
+depends_on = None
+
+BATCH = 500
+JOBS = sa.table(
+    "jobs", sa.column("seq", sa.Integer()), sa.column("state", sa.String()), sa.column("request", sa.JSON()),
+    sa.column("result", sa.JSON()),
+)  # fmt: skip
+SHAPES = sa.table(
+    "shapes", sa.column("seq", sa.Integer()), sa.column("id", sa.String()), sa.column("label", sa.String()),
+    sa.column("created_at", sa.Float()), sa.column("updated_at", sa.Float()),
+)  # fmt: skip
+LABELS = sa.table("labels", sa.column("id", sa.Integer()), sa.column("text", sa.String()))
+
+
+def upgrade() -> None:
+    op.create_table(
+        "labels",
+        sa.Column("id", sa.Integer(), autoincrement=True, nullable=False),
+        sa.Column("text", sa.String(), nullable=False),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_labels")),
+        sa.UniqueConstraint("text", name=op.f("uq_labels_text")),
+        comment="Classes that stored answers name; each goes with its last member.",
+        sqlite_autoincrement=True,
+    )
+    op.create_index(op.f("ix_jobs_shape_id"), "jobs", ["shape_id"])
+    op.create_index(op.f("ix_jobs_finished_at"), "jobs", ["finished_at"])
+    op.add_column("shapes", sa.Column("updated_at", sa.Float(), nullable=False, server_default="0"))
+    op.execute(SHAPES.update().values(updated_at=SHAPES.c.created_at))
+    ended = JOBS.c.state.in_(("succeeded", "failed", "cancelled"))
+    op.execute(JOBS.update().where(ended).values(request={}))
+    convert(op.get_bind())
+
+
+def convert(connection: sa.Connection) -> None:
+    """Have stored answers refer to shapes by their seqs and to classes by their rows in `labels`."""
+    seqs = dict(connection.execute(sa.select(SHAPES.c.id, SHAPES.c.seq)).all())
+    present = connection.scalars(sa.select(SHAPES.c.label).where(SHAPES.c.label.is_not(None)).distinct()).all()
+    labels: dict[str, int] = {}
+    last = 0
+    while True:
+        later = sa.select(JOBS.c.seq, JOBS.c.result).where(JOBS.c.seq > last)
+        rows = connection.execute(later.order_by(JOBS.c.seq).limit(BATCH)).all()
+        if not rows:
+            return
+        for seq, result in rows:
+            if not result:
+                continue
+            named = {each["label"] for each in result["classes"]} & set(present)
+            for text in sorted(named - set(labels)):
+                labels[text] = connection.scalar(LABELS.insert().values(text=text).returning(LABELS.c.id))
+            changed = result | {
+                "shapes": [[seqs[each["id"]], each["distance"]] for each in result["shapes"] if each["id"] in seqs],
+                "classes": [
+                    [labels[each["label"]], each["distance"], each["confidence"]]
+                    for each in result["classes"]
+                    if each["label"] in named
+                ],
+            }
+            connection.execute(JOBS.update().where(JOBS.c.seq == seq).values(result=changed))
+        last = rows[-1].seq
+
+
+def downgrade() -> None:
+    # Answers stay as they are: earlier versions show them without shapes and classes.
+    connection = op.get_bind()
+    for seq, result in connection.execute(sa.select(JOBS.c.seq, JOBS.c.result)).all():
+        if result:
+            emptied = result | {"shapes": [], "classes": []}
+            connection.execute(JOBS.update().where(JOBS.c.seq == seq).values(result=emptied))
+    op.drop_column("shapes", "updated_at")
+    op.drop_index(op.f("ix_jobs_finished_at"), "jobs")
+    op.drop_index(op.f("ix_jobs_shape_id"), "jobs")
+    op.drop_table("labels")

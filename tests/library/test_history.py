@@ -1,0 +1,134 @@
+"""The history of jobs: listed in pages, bounded, and no burden to those who remove or change shapes."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from store import PARAMETERS, add
+from unbend import MeshPolicy
+from unbend.errors import NotFoundError, ParameterError
+from unbend.library import queue
+from unbend.library import shapes as rows
+from unbend.library.key import UploadKey
+from unbend.library.queue import JobFilter
+
+
+def answered(connection, count: int, answer: dict, label: str = "") -> None:
+    """So many queries that were answered alike."""
+    for number in range(count):
+        key = UploadKey.of(b"%d" % number, PARAMETERS, MeshPolicy())
+        rows.put_mesh(connection, key.sha256, b"%d" % number)
+        job = queue.enqueue(connection, kind="query", key=key, file_type="off", request={"label": label})
+        queue.claim(connection)
+        queue.finish(connection, job.id, "succeeded", result=answer)
+
+
+def ranking(*shapes) -> dict:
+    return {
+        "measure": "moments", "known": True, "warnings": [],
+        "classes": [{"label": "a", "distance": 0.5, "confidence": 0.5}],
+        "shapes": [{"id": one.id, "name": one.name, "label": one.label, "distance": 0.1} for one in shapes],
+    }  # fmt: skip
+
+
+def listed(library, which: JobFilter | None = None, cursor: str | None = None, limit: int = 100):
+    with library.store.read() as connection:
+        return queue.list_jobs(connection, which or JobFilter(), cursor=cursor, limit=limit)
+
+
+def test_pages_of_jobs_have_all_of_them_once_and_no_results(library):
+    shape = add(library, b"one", "one", "a")
+    with library.store.write() as connection:
+        answered(connection, 25, ranking(shape))
+    seen, cursor = [], None
+    while True:
+        page = listed(library, cursor=cursor, limit=10)
+        seen += page.items
+        cursor = page.next_cursor
+        if cursor is None:
+            break
+    assert [job.seq for job in seen] == sorted((job.seq for job in seen), reverse=True)
+    assert len({job.id for job in seen}) == 25
+    assert {job.result for job in seen} == {None}
+    with pytest.raises(ParameterError, match="cursor"):
+        listed(library, cursor="x")
+
+
+def test_jobs_are_found_by_state_kind_and_shape(library):
+    shape = add(library, b"one", "one", "a")
+    with library.store.write() as connection:
+        answered(connection, 2, ranking(shape))
+        key = UploadKey.of(b"mesh", PARAMETERS, MeshPolicy())
+        rows.put_mesh(connection, key.sha256, b"mesh")
+        upload = queue.enqueue(connection, kind="shape", key=key, file_type="off", request={})
+        waiting = queue.enqueue(connection, kind="query", key=key, file_type="off", request={})
+        queue.claim(connection)
+        queue.finish(connection, upload.id, "succeeded", shape_id=shape.id)
+    assert [job.id for job in listed(library, JobFilter(state="queued")).items] == [waiting.id]
+    assert [job.id for job in listed(library, JobFilter(kind="shape")).items] == [upload.id]
+    assert [job.id for job in listed(library, JobFilter(shape_id=shape.id)).items] == [upload.id]
+    assert len(listed(library, JobFilter(kind="query", state="succeeded")).items) == 2
+
+
+def test_places_in_the_queue_are_counted_over_all_that_wait(library):
+    with library.store.write() as connection:
+        ids = []
+        for number in range(9):
+            key = UploadKey.of(b"%d" % number, PARAMETERS, MeshPolicy())
+            rows.put_mesh(connection, key.sha256, b"%d" % number)
+            kind = "shape" if number % 3 else "query"
+            ids.append(queue.enqueue(connection, kind=kind, key=key, file_type="off", request={}).id)
+        page = queue.list_jobs(connection, JobFilter(kind="query"), cursor=None, limit=2)
+        assert queue.positions(connection, page.items) == {ids[6]: 6, ids[3]: 3} | {
+            one: place for place, one in enumerate(ids) if 3 <= place <= 6
+        }
+
+
+def test_the_newest_are_kept_and_those_that_wait(library):
+    with library.store.write() as connection:
+        answered(connection, 12, ranking())
+        key = UploadKey.of(b"mesh", PARAMETERS, MeshPolicy())
+        rows.put_mesh(connection, key.sha256, b"mesh")
+        waiting = queue.enqueue(connection, kind="query", key=key, file_type="off", request={})
+    before = [job.id for job in listed(library).items]
+    with library.store.write() as connection:
+        assert queue.forget_ended(connection, keep=5) == 7
+        assert queue.forget_ended(connection, keep=5) == 0
+    assert [job.id for job in listed(library).items] == before[:6]
+    assert before[0] == waiting.id
+    with library.store.read() as connection, pytest.raises(NotFoundError, match="forgotten"):
+        queue.get_job(connection, before[-1])
+
+
+def test_those_that_ended_before_an_instant_are_forgotten(library):
+    with library.store.write() as connection:
+        answered(connection, 3, ranking())
+    between = datetime.now(UTC)
+    with library.store.write() as connection:
+        answered(connection, 2, ranking())
+    with library.store.write() as connection:
+        assert queue.forget_ended(connection, before=between - timedelta(days=1)) == 0
+        assert queue.forget_ended(connection, before=between) == 3
+    assert len(listed(library).items) == 2
+
+
+def test_removing_a_shape_takes_no_longer_with_a_long_history(library):
+    shapes = [add(library, b"%d" % number, str(number), "a") for number in range(12)]
+
+    def removing(some) -> float:
+        begun = time.perf_counter()
+        for shape in some:
+            library.remove(shape.id)
+        return time.perf_counter() - begun
+
+    without = removing(shapes[:5])
+    with library.store.write() as connection:
+        answered(connection, 2000, ranking(*shapes[5:]))
+    assert removing(shapes[5:10]) < 10 * without + 0.5  # it took 30 ms more for each query
+    job = listed(library, limit=1).items[0]
+    with library.store.read() as connection:
+        told = queue.get_job(connection, job.id).result
+    assert [match["id"] for match in told["shapes"]] == [shape.id for shape in shapes[10:]]

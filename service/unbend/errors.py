@@ -35,6 +35,8 @@
     ├── TemporaryFullError        the disk for temporary files has no room
     ├── BusyError                 too much at a time
     ├── QueueFullError            too many jobs wait already
+    ├── QuotaError                too many jobs of one key wait or run already
+    ├── IdempotencyError          another request was sent under the same name
     └── ServiceError              the service answered with a problem, or not at all
 
 `code` is the stable, lower-case name of an error for programs: it stands in failed jobs and in HTTP
@@ -303,6 +305,24 @@ class QueueFullError(UnbendError):
     def __init__(self, message: str, retry_after: int = 1) -> None:
         super().__init__(message)
         self.retry_after = retry_after
+
+
+class QuotaError(UnbendError):
+    """As many jobs of one key wait or run as it may have; try again after `retry_after` seconds."""
+
+    code = "quota_exceeded"
+    advice = "Wait until some of the key's jobs have ended, or cancel them."
+
+    def __init__(self, message: str, retry_after: int = 5) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
+
+
+class IdempotencyError(UnbendError, ValueError):
+    """A request was sent with the Idempotency-Key of another one."""
+
+    code = "idempotency_mismatch"
+    advice = "Send each request with a key of its own, and the same key only to repeat it as it was."
 
 
 class ServiceError(UnbendError):

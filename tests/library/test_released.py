@@ -88,8 +88,8 @@ def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh
     assert rows_of(old, "PRAGMA foreign_key_check") == []
     after = everything(old)
     for table, rows in before.items():
-        assert len(after[table]) == len(rows)
-        for earlier, later in zip(rows, after[table], strict=True):
+        kept_rows = [row for row in after[table] if row.get("name") != "labels"]  # a table that is new
+        for earlier, later in zip(rows, kept_rows, strict=True):
             kept = earlier.keys() - {"policy", "epoch"} - ({"result", "request"} if table == "jobs" else set())
             for column in kept:
                 assert later[column] == earlier[column], (table, column)

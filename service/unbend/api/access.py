@@ -32,6 +32,9 @@ from unbend.library.keys import KeyRecord, find_key, has_keys
 CALLER: Final = "unbend.caller"
 """Where in an ASGI scope it stands who calls: a key's id, "open" where none is needed, or "none"."""
 
+KEY: Final = "unbend.key"
+"""Where in an ASGI scope the KeyRecord stands that a call came with, if the service asks for keys."""
+
 _FREE: Final = frozenset({f"{PREFIX}/livez", f"{PREFIX}/readyz"})
 _PORT: Final = re.compile(r":\d*$")
 _MOST_HOSTS: Final = 1024
@@ -103,6 +106,7 @@ class Access:
         headers = Headers(scope=scope)
         caller = await self._caller(scope, headers)
         scope[CALLER] = caller.name
+        scope[KEY] = caller.key if caller.closed else None
         if wait := self._rate.take(caller.address if caller.name in {"open", "none"} else caller.name):
             raise RateLimitError(f"more than {self._settings.requests_per_minute} calls a minute", wait)
         needed = scope_of(scope["method"], scope["path"])
@@ -114,7 +118,7 @@ class Access:
             if "authorization" in headers:
                 raise KeyInvalidError("the Authorization header holds no key of this library")
             raise KeyRequiredError("this call needs an API key")
-        elif needed == "write" and caller.key.scope != "write":
+        elif needed == "write" and caller.key.scope == "read":
             raise ScopeError("this key may only read")
 
     async def _caller(self, scope: Scope, headers: Headers) -> Caller:
@@ -122,6 +126,8 @@ class Access:
         token = _token(headers.get("authorization"))
         key, closed = await service.library.store.fetch(partial(_look_up, token=token), ("key", token))
         client, _ = scope.get("client") or ("", None)
+        if key and key.is_expired:
+            key = None
         return Caller(key, closed or not (self._settings.open or _is_local(scope, headers)), client)
 
     def _check_host(self, scope: Scope, headers: Headers) -> None:

@@ -8,12 +8,17 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.api.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
+from unbend.jobs.runner import Known
 from unbend.library.records import JobRecord, ShapeRecord
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.names import MAX_TEXT
 
 _WARNINGS: Final = "Sentences that say why the answer may be wrong, and what to do; mostly empty."
+_IGNORED: Final = (
+    "What was sent with the file, and the stored shape did not take: `name`, `label`, `metadata`. To change them, send "
+    "it with `if_known=update`, or PATCH the shape."
+)
 _WARNING: Final = (
     "only 50.0% of the area was kept, the largest of 2 components, so that the answer may be that of a part: the "
     'reading policy components="bridge" links all of them'
@@ -46,6 +51,17 @@ class Shape(BaseModel):
     def of(cls, record: ShapeRecord) -> Self:
         """Make the answer for a stored shape."""
         return cls.model_validate(record, from_attributes=True)
+
+
+class KnownShape(Shape):
+    """A member of the library whose file was sent again."""
+
+    ignored: list[str] = Field(description=_IGNORED, examples=[["label"]])
+
+    @classmethod
+    def of_known(cls, known: Known) -> Self:
+        """Make the answer for a shape that was stored already."""
+        return cls.model_validate(Shape.of(known.shape).model_dump() | {"ignored": list(known.ignored)})
 
 
 class ShapePage(BaseModel):
@@ -124,6 +140,7 @@ class JobSummary(BaseModel):
     error: JobError | None
     shape_id: Id | None = Field(description="Of a succeeded upload: the shape it became.")
     warnings: list[str] = Field(description=f"Of a succeeded job. {_WARNINGS}")
+    ignored: list[str] = Field(description=f"Of an upload whose shape was stored meanwhile. {_IGNORED}")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None

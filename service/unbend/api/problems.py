@@ -38,6 +38,8 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.UploadTooSlowError: 408,
     errors.BusyError: 503,
     errors.QueueFullError: 429,
+    errors.QuotaError: 429,
+    errors.IdempotencyError: 422,
     errors.JobTimeoutError: 504,
     errors.JobMemoryError: 507,
     errors.JobCancelledError: 409,
@@ -150,7 +152,7 @@ def of_error(error: errors.UnbendError) -> Problem:
 
 def headers_of(error: errors.UnbendError) -> dict[str, str] | None:
     """Return the headers that go with an error of our tree."""
-    if isinstance(error, errors.BusyError | errors.QueueFullError | errors.RateLimitError):
+    if isinstance(error, errors.BusyError | errors.QueueFullError | errors.QuotaError | errors.RateLimitError):
         return {"Retry-After": str(error.retry_after)}
     challenge = CHALLENGES.get(type(error))
     return {"WWW-Authenticate": challenge} if challenge else None

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Literal
 
 import click
@@ -26,14 +28,25 @@ def keys() -> None:
 
 @keys.command("create")
 @click.argument("name")
-@click.option("--scope", type=click.Choice(["read", "write"]), default="read", show_default=True, help="write: both.")
+@click.option(
+    "--scope",
+    type=click.Choice(["read", "write", "admin"]),
+    default="read",
+    show_default=True,
+    help="write: both; admin: the jobs of other keys, too.",
+)
+@click.option("--expires", metavar="WHEN", help="From when it is refused: 90d, 12h, or an instant such as 2027-01-31.")
+@click.option("--most-jobs", type=click.IntRange(1), help="Jobs of this key that may wait or run at a time.")
 @library_option
-def create(name: str, scope: Literal["read", "write"], library: str | None) -> None:
+def create(
+    name: str, scope: Literal["read", "write", "admin"], expires: str | None, most_jobs: int | None, library: str | None
+) -> None:
     """Make a key called NAME and print it. It is shown this once: the library keeps only a hash."""
     from unbend.library.keys import create_key  # noqa: PLC0415
 
+    until = _instant(expires) if expires else None
     with _store(library) as store, store.write() as connection:
-        record, text = create_key(connection, name, scope)
+        record, text = create_key(connection, name, scope, expires_at=until, most_jobs=most_jobs)
     warn(f"unbend: key {record.id}, which may {scope}; it will not be shown again")
     click.echo(text)
 
@@ -70,18 +83,30 @@ def _store(url: str | None) -> Iterator[Store]:
         yield library.store
 
 
-def _told(record: KeyRecord) -> dict[str, str | None]:
-    revoked = record.revoked_at.isoformat() if record.revoked_at else None
-    return vars(record) | {"created_at": record.created_at.isoformat(), "revoked_at": revoked}
+def _instant(text: str) -> datetime:
+    """Return the instant that `90d`, `12h`, or a date, perhaps with a time, stands for; days begin in UTC."""
+    if found := re.fullmatch(r"(\d{1,5})([dh])", text):
+        return datetime.now(UTC) + timedelta(**{"days" if found[2] == "d" else "hours": int(found[1])})
+    try:
+        instant = datetime.fromisoformat(text)
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not like 90d, 12h or 2027-01-31", param_hint="--expires") from None
+    return instant if instant.tzinfo else instant.replace(tzinfo=UTC)
+
+
+def _told(record: KeyRecord) -> dict[str, object]:
+    told = {name: value.isoformat() if isinstance(value, datetime) else value for name, value in vars(record).items()}
+    return told | {"expired": record.is_expired}
 
 
 def _table(records: list[KeyRecord]) -> str:
     if not records:
         return "the library has no keys"
-    lines = [f"{'id':<14}{'scope':<8}{'made':<22}{'revoked':<22}name"]
+    lines = [f"{'id':<14}{'scope':<8}{'made':<22}{'revoked':<22}{'expires':<22}{'jobs':<7}name"]
     for record in records:
-        revoked = f"{record.revoked_at:%Y-%m-%d %H:%M:%S}" if record.revoked_at else "-"
-        lines.append(
-            f"{record.id:<14}{record.scope:<8}{record.created_at:%Y-%m-%d %H:%M:%S}   {revoked:<22}{record.name}"
+        times = "".join(
+            f"{time:%Y-%m-%d %H:%M:%S}   " if time else f"{'-':<22}"
+            for time in (record.created_at, record.revoked_at, record.expires_at)
         )
+        lines.append(f"{record.id:<14}{record.scope:<8}{times}{record.most_jobs or '-':<7}{record.name}")
     return "\n".join(lines)

@@ -7,10 +7,10 @@ import contextlib
 import logging
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from sqlalchemy import Connection
 
@@ -24,6 +24,7 @@ from unbend.jobs.progress import Report
 from unbend.jobs.worker import Outcome, StoredMesh, Task, compute
 from unbend.library import Library, queue
 from unbend.library import shapes as rows
+from unbend.library.key import UploadKey
 from unbend.library.records import JobRecord
 from unbend.library.writer import Writer
 from unbend.mesh.policy import MeshPolicy
@@ -132,11 +133,11 @@ class Dispatcher:
         self._observer.ended(job)
         self._news.change(job.id)
 
-    async def forget(self, before: datetime | None = None, keep: int | None = None) -> int:
+    async def forget(self, *, before: datetime | None = None, keep: int | None = None, owner: str | None = None) -> int:
         """Forget jobs that have ended, some at a time, as `queue.forget_ended` has it; return how many."""
         count = 0
         while some := await asyncio.wrap_future(
-            self._writer.submit(partial(queue.forget_ended, before=before, keep=keep))
+            self._writer.submit(partial(queue.forget_ended, before=before, keep=keep, owner=owner))
         ):
             count += some
         return count
@@ -205,6 +206,7 @@ class Dispatcher:
         self._tasks.pop(job_id, None)
         self._news.forget(job_id)
         self._slots.release()
+        self.wake()  # an upload of the same file may have waited for this one
 
     async def _run(self, job: JobRecord) -> None:
         CURRENT_JOB.set(job.id)
@@ -228,6 +230,10 @@ class Dispatcher:
 
     async def _computed(self, job: JobRecord) -> JobRecord | None:
         """Have a job computed and its result stored; None if it was ended by somebody else meanwhile."""
+        if job.kind == "shape":
+            key = UploadKey(job.mesh_sha256 or "", job.parameters, job.policy)
+            if await self._library.store.fetch(partial(rows.find_shape, key=key)):  # by a job of the same file
+                return await self._made(partial(_end_with_known, job=job, key=key))
         policy, url = MeshPolicy.from_json(job.policy), self._library.store.url
         mesh = StoredMesh(url, job.mesh_sha256 or "", job.file_type, policy, self._limits.mesh)
         listener = partial(self._news.report, job.id)
@@ -276,15 +282,32 @@ async def _all_ended(tasks: Collection[asyncio.Task[None]]) -> None:
     await asyncio.wait(tasks)
 
 
+def what_was_sent(request: Mapping[str, Any]) -> tuple[dict[str, Any], rows.IfKnown]:
+    """Return what an upload says of its shape, and what becomes of it where the shape is stored already."""
+    return {name: request[name] for name in request.get("sent", ())}, request.get("if_known", "keep")
+
+
+def _end_with_known(connection: Connection, job: JobRecord, key: UploadKey) -> JobRecord | None:
+    """End an upload whose shape is stored already; begin it anew if that was removed meanwhile."""
+    known = rows.find_shape(connection, key)
+    if known is None:
+        queue.give_back(connection, job.id, lost="nothing")
+        return None
+    if queue.get_job(connection, job.id).finished:  # cancelled meanwhile
+        return None
+    shape, ignored = rows.describe_anew(connection, known, *what_was_sent(job.request))
+    return queue.finish(connection, job.id, "succeeded", shape_id=shape.id, warnings=shape.warnings, ignored=ignored)
+
+
 def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> JobRecord | None:
     if queue.get_job(connection, job.id).finished:  # cancelled while the result was on its way
         return None
-    shape_id = rows.add_shape(
-        connection,
-        rows.NewShape(
-            sha256=job.mesh_sha256 or "", policy=MeshPolicy.from_json(job.policy), signature=outcome.signature,
-            area=outcome.area, report=outcome.report, name=job.request["name"], label=job.request["label"],
-            metadata=job.request["metadata"],
-        ),
+    new = rows.NewShape(
+        sha256=job.mesh_sha256 or "", policy=MeshPolicy.from_json(job.policy), signature=outcome.signature,
+        area=outcome.area, report=outcome.report, name=job.request["name"], label=job.request["label"],
+        metadata=job.request["metadata"],
     )  # fmt: skip
+    if rows.find_shape(connection, new.key):  # by `Library.add` in another process
+        return _end_with_known(connection, job, new.key)
+    shape_id = rows.add_shape(connection, new)
     return queue.finish(connection, job.id, "succeeded", shape_id=shape_id, warnings=outcome.signature.warnings)

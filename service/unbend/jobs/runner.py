@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextvars import copy_context
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any, Final, TypeVar
 
 from sqlalchemy import Connection
 
-from unbend.errors import JobCancelledError, JobTimeoutError, QueueFullError
-from unbend.jobs.dispatcher import Dispatcher
+from unbend.errors import IdempotencyError, JobCancelledError, JobTimeoutError, QueueFullError, QuotaError
+from unbend.jobs.dispatcher import Dispatcher, what_was_sent
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.news import News
@@ -23,13 +23,16 @@ from unbend.jobs.pool import WorkerPool
 from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
-from unbend.library.queue import JobFilter
+from unbend.library.queue import NOBODY, JobFilter, Sender
 from unbend.library.records import JobKind, JobPage, JobRecord, ShapeRecord
 from unbend.library.writer import Writer
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
 
 T = TypeVar("T")
+
+IDEMPOTENCY: Final = timedelta(hours=24)
+"""How long a request that is sent again under its name is known."""
 
 _STEP_SECONDS: Final = 0.25  # between two looks at a job that somebody follows
 _QUIET_SECONDS: Final = 2.5  # after which a follower is told where the job stands, be it news or not
@@ -43,6 +46,24 @@ class Upload:
     file_type: str
     parameters: Parameters
     policy: MeshPolicy
+
+
+@dataclass(frozen=True)
+class Known:
+    """A shape that was stored already, and the fields sent with its file that it did not take."""
+
+    shape: ShapeRecord
+    ignored: Sequence[str]
+
+
+@dataclass(frozen=True)
+class _Order:
+    kind: JobKind
+    key: UploadKey
+    upload: Upload
+    request: dict[str, Any]
+    sender: Sender
+    most: int | None
 
 
 class JobRunner:
@@ -114,17 +135,35 @@ class JobRunner:
         """How many jobs are in hand."""
         return self._dispatcher.running
 
-    async def submit(self, kind: JobKind, upload: Upload, request: dict[str, Any]) -> JobRecord | ShapeRecord:
-        """Queue a computation, durably; or return the stored shape, or the job under way, that is the same.
+    async def submit(
+        self, kind: JobKind, upload: Upload, request: dict[str, Any], sender: Sender = NOBODY, most: int | None = None
+    ) -> JobRecord | Known:
+        """Queue a computation, durably; or return the stored shape, or the job that was sent before, that is the same.
+
+        Parameters
+        ----------
+        kind : JobKind
+        upload : Upload
+        request : dict
+            Of a query, what is asked. Of a shape `name`, `label` and `metadata`; `sent`, which of these the caller
+            gave; `if_known`, "keep" or "update".
+        sender : Sender, optional
+        most : int, optional
+            Jobs that the sender may have waiting or running.
 
         Raises
         ------
         QueueFullError
             If `limits.queued` jobs wait already.
+        QuotaError
+            If the sender has `most`.
+        IdempotencyError
+            If the sender sent something else under the same name.
         """
         key = UploadKey.of(upload.data, upload.parameters, upload.policy)
         context = copy_context()  # that of the request: who observes jobs may want to know it
-        answer = await self.write(lambda connection: context.run(self._enqueue, connection, kind, key, upload, request))
+        order = _Order(kind, key, upload, request, sender, most)
+        answer = await self.write(lambda connection: context.run(self._enqueue, connection, order))
         if isinstance(answer, JobRecord):
             CURRENT_JOB.set(answer.id)
         self._dispatcher.wake()
@@ -144,10 +183,10 @@ class JobRunner:
         return await self._library.store.fetch(queue.count_queued)
 
     async def position(self, job: JobRecord) -> int | None:
-        """Return how many jobs wait before a queued one."""
+        """Return how many jobs are to be begun before a queued one."""
         if job.state != "queued":
             return None
-        return await self._library.store.fetch(partial(queue.count_queued, before=job.seq))
+        return await self._library.store.fetch(partial(queue.position, job=job))
 
     async def wait(self, job_id: str, seconds: float) -> JobRecord:
         """Return a job when it has ended, or as it is after `seconds`."""
@@ -208,9 +247,9 @@ class JobRunner:
         finally:
             self._calls -= 1
 
-    async def forget(self, before: datetime) -> int:
-        """Forget the jobs that ended before; return how many."""
-        return await self._dispatcher.forget(before=before)
+    async def forget(self, before: datetime, owner: str | None = None) -> int:
+        """Forget the jobs, or those of one key, that ended before; return how many."""
+        return await self._dispatcher.forget(before=before, owner=owner)
 
     async def cancel(self, job_id: str) -> JobRecord:
         """Cancel a job: a queued one is never run, a running one's process is killed; an ended one stays."""
@@ -230,22 +269,33 @@ class JobRunner:
         """Have a change made to the library, in its turn, and wait until it is on disk; no thread waits meanwhile."""
         return await asyncio.wrap_future(self._writer.submit(change))
 
-    def _enqueue(
-        self, connection: Connection, kind: JobKind, key: UploadKey, upload: Upload, request: dict[str, Any]
-    ) -> JobRecord | ShapeRecord:
-        if kind == "shape":
-            if shape := rows.find_shape(connection, key):
-                return shape
-            if job := queue.find_active(connection, kind=kind, key=key):
-                return job
-        self._library.store.admit(len(upload.data))
+    def _enqueue(self, connection: Connection, order: _Order) -> JobRecord | Known:
+        sender = order.sender
+        if sender.idempotency and (
+            before := queue.find_sent(connection, sender.idempotency, datetime.now(UTC) - IDEMPOTENCY)
+        ):
+            if before.fingerprint != sender.fingerprint:
+                raise IdempotencyError("another request was sent with this Idempotency-Key")
+            return before
+        if order.kind == "shape" and (shape := rows.find_shape(connection, order.key)):
+            return Known(*rows.describe_anew(connection, shape, *what_was_sent(order.request)))
+        self._check_room(connection, order)
+        rows.put_mesh(connection, order.key.sha256, order.upload.data)
+        job = queue.enqueue(
+            connection, kind=order.kind, key=order.key, file_type=order.upload.file_type, request=order.request,
+            sender=sender,
+        )  # fmt: skip
+        self._observer.submitted(job)
+        return job
+
+    def _check_room(self, connection: Connection, order: _Order) -> None:
+        self._library.store.admit(len(order.upload.data))
         waiting = queue.count_queued(connection)
         if waiting >= self.limits.queued:
             raise QueueFullError(f"{waiting} jobs wait already", retry_after=max(1, waiting // (50 * self.workers)))
-        rows.put_mesh(connection, key.sha256, upload.data)
-        job = queue.enqueue(connection, kind=kind, key=key, file_type=upload.file_type, request=request)
-        self._observer.submitted(job)
-        return job
+        owner = order.sender.owner
+        if order.most is not None and owner and queue.count_unfinished(connection, owner) >= order.most:
+            raise QuotaError(f"{order.most} jobs of this key wait or run already, as many as it may have")
 
     def _page(self, which: JobFilter, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
         with self._library.store.read() as connection:

@@ -13,7 +13,7 @@ import hmac
 import secrets
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 from sqlalchemy import Column, Connection, bindparam, exists, insert, select, update
 from sqlalchemy.engine import Row
@@ -22,8 +22,8 @@ from unbend.errors import NotFoundError, ParameterError
 from unbend.library.schema import api_keys
 from unbend.names import MAX_TEXT
 
-Scope = Literal["read", "write"]
-"""What a key may do; "write" includes "read"."""
+Scope = Literal["read", "write", "admin"]
+"""What a key may do. "write" includes "read", and "admin" both: it also sees, and cancels, the jobs of other keys."""
 
 _PREFIX: Final = "unbend"
 _ID_BYTES: Final = 6
@@ -34,12 +34,15 @@ _COLUMNS: Final[tuple[Column[Any], ...]] = (
     api_keys.c.scope,
     api_keys.c.created_at,
     api_keys.c.revoked_at,
+    api_keys.c.expires_at,
+    api_keys.c.most_jobs,
 )
 # Made once: every request asks these.
 _FIND = select(*_COLUMNS, api_keys.c.sha256).where(
     api_keys.c.id == bindparam("key_id"), api_keys.c.revoked_at.is_(None)
 )
 _ANY = select(exists().where(api_keys.c.revoked_at.is_(None)))
+"""An expired key counts: a library does not open because its last key was forgotten."""
 
 
 @dataclass(frozen=True)
@@ -51,21 +54,41 @@ class KeyRecord:
     scope: Scope
     created_at: datetime
     revoked_at: datetime | None
+    expires_at: datetime | None = None
+    """From when it is refused; None for never."""
+    most_jobs: int | None = None
+    """Jobs of this key that may wait or run at a time; None for no limit of its own."""
+
+    @property
+    def is_expired(self) -> bool:
+        """Whether its time is over."""
+        return self.expires_at is not None and self.expires_at <= datetime.now(UTC)
 
 
-def create_key(connection: Connection, name: str, scope: Scope) -> tuple[KeyRecord, str]:
+def create_key(
+    connection: Connection,
+    name: str,
+    scope: Scope,
+    *,
+    expires_at: datetime | None = None,
+    most_jobs: int | None = None,
+) -> tuple[KeyRecord, str]:
     """Make a key; return its record and its text, which cannot be had again.
 
     Raises
     ------
     ParameterError
-        If the name is not 1 to 200 printable characters, or there is no such scope.
+        If the name is not 1 to 200 printable characters, there is no such scope, or the limits leave nothing.
     """
     if not 1 <= len(name) <= MAX_TEXT or not name.isprintable():
         raise ParameterError(f"a key's name must be text of 1 to {MAX_TEXT} printable characters")
-    if scope not in {"read", "write"}:
-        raise ParameterError(f"a key's scope must be read or write, not {scope!r}")
-    record = KeyRecord(secrets.token_hex(_ID_BYTES), name, scope, datetime.now(UTC), None)
+    if scope not in get_args(Scope):
+        raise ParameterError(f"a key's scope must be {', '.join(get_args(Scope))}, not {scope!r}")
+    if most_jobs is not None and most_jobs < 1:
+        raise ParameterError(f"a key must be allowed one job at least, not {most_jobs}")
+    record = KeyRecord(secrets.token_hex(_ID_BYTES), name, scope, datetime.now(UTC), None, expires_at, most_jobs)
+    if record.is_expired:
+        raise ParameterError(f"the key would be expired already, at {expires_at}")
     secret = secrets.token_urlsafe(_SECRET_BYTES)
     connection.execute(insert(api_keys).values(**vars(record), sha256=_hash(secret)))
     return record, f"{_PREFIX}_{record.id}_{secret}"
@@ -110,4 +133,4 @@ def _hash(secret: str) -> str:
 
 
 def _record(row: Row[*tuple[Any, ...]]) -> KeyRecord:
-    return KeyRecord(row.id, row.name, row.scope, row.created_at, row.revoked_at)
+    return KeyRecord(*(getattr(row, column.name) for column in _COLUMNS))

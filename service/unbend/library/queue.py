@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
-from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
@@ -32,23 +32,42 @@ _SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
 _UNFINISHED = jobs.c.state.in_(("queued", "running"))
 _ENQUEUE = insert(jobs).returning(*jobs.c)
 _GET = select(jobs).where(jobs.c.id == bindparam("job_id"))
-_ACTIVE = (
+_SENT = (
     select(jobs)
-    .where(
-        jobs.c.kind == bindparam("kind"),
-        jobs.c.mesh_sha256 == bindparam("sha256"),
-        jobs.c.parameters == bindparam("parameters"),
-        jobs.c.policy == bindparam("policy"),
-        _UNFINISHED,
-    )
-    .limit(1)
+    .where(jobs.c.idempotency == bindparam("idempotency"), jobs.c.created_at >= bindparam("since", type_=Instant()))
+    .order_by(jobs.c.seq.desc())
 )
 _COUNT = select(func.count()).select_from(jobs).where(jobs.c.state == "queued")
-_COUNT_BEFORE = _COUNT.where(jobs.c.seq < bindparam("before"))
-_OLDEST = select(jobs.c.seq).where(jobs.c.state == "queued").order_by(jobs.c.seq).limit(1).scalar_subquery()
+_OWNED = jobs.c.owner.is_not_distinct_from(bindparam("owner"))
+_COUNT_OF = select(func.count()).select_from(jobs).where(_UNFINISHED, _OWNED)
+_COUNT_OF_BEFORE = _COUNT.where(_OWNED, jobs.c.seq < bindparam("seq"))
+_BY_OWNER = (
+    select(jobs.c.owner, func.count().label("number")).where(jobs.c.state == bindparam("state")).group_by(jobs.c.owner)
+)
+_other = jobs.alias("other")
+_COMPUTED_ALREADY = exists().where(
+    _other.c.state == "running",
+    _other.c.kind == "shape",
+    _other.c.mesh_sha256 == jobs.c.mesh_sha256,
+    _other.c.parameters == jobs.c.parameters,
+    _other.c.policy == jobs.c.policy,
+)
+_OLDEST = (
+    select(jobs.c.seq)
+    .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_COMPUTED_ALREADY)
+    .order_by(jobs.c.seq)
+    .limit(1)
+)
+_NTH = (
+    select(jobs.c.seq)
+    .where(jobs.c.state == "queued", _OWNED)
+    .order_by(jobs.c.seq)
+    .limit(1)
+    .offset(bindparam("skipped"))
+)
 _CLAIM = (
     update(jobs)
-    .where(jobs.c.seq == _OLDEST, jobs.c.state == "queued")
+    .where(jobs.c.seq == bindparam("chosen"), jobs.c.state == "queued")
     .values(
         state="running", stage="starting", attempts=jobs.c.attempts + 1, started_at=bindparam("now", type_=Instant())
     )
@@ -57,8 +76,29 @@ _CLAIM = (
 _FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).returning(*jobs.c)
 
 
+@dataclass(frozen=True)
+class Sender:
+    """Who sends a job, and how it is known again where it is sent twice."""
+
+    owner: str | None = None
+    """A key's id; None where none is needed."""
+    idempotency: str | None = None
+    """A hash of who sends it and of the name that they gave the request."""
+    fingerprint: str | None = None
+    """A hash of what was sent."""
+
+
+NOBODY: Final = Sender()
+
+
 def enqueue(
-    connection: Connection, *, kind: JobKind, key: UploadKey, file_type: str, request: dict[str, Any]
+    connection: Connection,
+    *,
+    kind: JobKind,
+    key: UploadKey,
+    file_type: str,
+    request: dict[str, Any],
+    sender: Sender = Sender(),
 ) -> JobRecord:
     """Append a job whose mesh is stored already."""
     row = connection.execute(
@@ -67,9 +107,16 @@ def enqueue(
             "id": uuid.uuid4().hex, "kind": kind, "state": "queued", "stage": "queued", "progress": 0.0,
             "attempts": 0, "restarts": 0, "mesh_sha256": key.sha256, "file_type": file_type,
             "parameters": key.parameters, "policy": key.policy, "request": request, "created_at": datetime.now(UTC),
+            **vars(sender),
         },
     ).one()  # fmt: skip
     return _record(row)
+
+
+def find_sent(connection: Connection, idempotency: str, since: datetime) -> JobRecord | None:
+    """Return the job that was sent under this name before, if that was not too long ago."""
+    row = connection.execute(_SENT, {"idempotency": idempotency, "since": since}).first()
+    return None if row is None else _record(row, unpack_answer(connection, row.result))
 
 
 def get_job(connection: Connection, job_id: str) -> JobRecord:
@@ -87,6 +134,8 @@ class JobFilter:
     state: JobState | None = None
     kind: JobKind | None = None
     shape_id: str | None = None
+    owner: str | None = None
+    """Those of one key; of all where it is None."""
 
 
 def list_jobs(connection: Connection, which: JobFilter, *, cursor: str | None, limit: int) -> JobPage:
@@ -103,19 +152,14 @@ def list_jobs(connection: Connection, which: JobFilter, *, cursor: str | None, l
 
 
 def positions(connection: Connection, page: Sequence[JobRecord]) -> dict[str, int]:
-    """Return how many jobs wait before each that waits, by id."""
-    waiting = [job.seq for job in page if job.state == "queued"]
-    if not waiting:
-        return {}
-    ahead = (func.row_number().over(order_by=jobs.c.seq) - 1).label("ahead")
-    numbered = (
-        select(jobs.c.id, jobs.c.seq, ahead).where(jobs.c.state == "queued", jobs.c.seq <= max(waiting)).subquery()
-    )
-    rows = connection.execute(select(numbered.c.id, numbered.c.ahead).where(numbered.c.seq >= min(waiting)))
-    return {row.id: row.ahead for row in rows}
+    """Return how many jobs are to be begun before each that waits, by id."""
+    found = {job.id: position(connection, job) for job in page if job.state == "queued"}
+    return {job_id: ahead for job_id, ahead in found.items() if ahead is not None}
 
 
-def forget_ended(connection: Connection, *, before: datetime | None = None, keep: int | None = None) -> int:
+def forget_ended(
+    connection: Connection, *, before: datetime | None = None, keep: int | None = None, owner: str | None = None
+) -> int:
     """Forget some of the jobs that have ended; return how many. Called again until none is left, others go between.
 
     Parameters
@@ -125,6 +169,8 @@ def forget_ended(connection: Connection, *, before: datetime | None = None, keep
         Those that ended before.
     keep : int, optional
         All but the newest so many.
+    owner : str, optional
+        Only those of one key.
     """
     ended = jobs.c.state.in_(_ENDED)
     if before is not None:
@@ -134,6 +180,8 @@ def forget_ended(connection: Connection, *, before: datetime | None = None, keep
             select(jobs.c.seq).where(ended).order_by(jobs.c.seq.desc()).offset(keep or 0).limit(1).scalar_subquery()
         )
         which = ended & (jobs.c.seq <= newest)
+    if owner is not None:
+        which &= jobs.c.owner == owner
     seqs = connection.scalars(select(jobs.c.seq).where(which).limit(_FORGOTTEN)).all()
     connection.execute(delete(jobs).where(jobs.c.seq.in_(seqs)))
     if seqs:
@@ -141,23 +189,59 @@ def forget_ended(connection: Connection, *, before: datetime | None = None, keep
     return len(seqs)
 
 
-def find_active(connection: Connection, *, kind: JobKind, key: UploadKey) -> JobRecord | None:
-    """Return the unfinished job that computes this already, if there is one."""
-    sought = {"kind": kind, "sha256": key.sha256, "parameters": key.parameters, "policy": key.policy}
-    row = connection.execute(_ACTIVE, sought).one_or_none()
-    return None if row is None else _record(row)
+def count_queued(connection: Connection) -> int:
+    """Return how many jobs wait."""
+    return connection.scalar(_COUNT) or 0
 
 
-def count_queued(connection: Connection, before: int | None = None) -> int:
-    """Return how many jobs wait, all or those ahead of the job with this seq."""
-    found = connection.scalar(_COUNT) if before is None else connection.scalar(_COUNT_BEFORE, {"before": before})
-    return found or 0
+def count_unfinished(connection: Connection, owner: str) -> int:
+    """Return how many jobs of a key wait or run."""
+    return connection.scalar(_COUNT_OF, {"owner": owner}) or 0
 
 
 def claim(connection: Connection) -> JobRecord | None:
-    """Take the oldest queued job to run it; None where the queue is empty."""
-    row = connection.execute(_CLAIM, {"now": datetime.now(UTC)}).one_or_none()
+    """Take the job whose turn it is; None where the queue is empty, or what waits is being computed for another.
+
+    Keys take turns: next is the oldest job of the one that has the fewest in hand. An upload waits while another of
+    the same file is computed in the same way: there is nothing left to compute then.
+    """
+    seq = _next(connection)
+    if seq is None:
+        return None
+    row = connection.execute(_CLAIM, {"chosen": seq, "now": datetime.now(UTC)}).one_or_none()
     return None if row is None else _record(row)
+
+
+def position(connection: Connection, job: JobRecord) -> int | None:
+    """Return how many jobs are to be begun before one that waits, as keys take turns; None if it does not wait."""
+    if job.state != "queued":
+        return None
+    running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
+    mine = connection.scalar(_COUNT_OF_BEFORE, {"owner": job.owner, "seq": job.seq}) or 0
+    turn = mine + running.get(job.owner, 0)
+    ahead = mine
+    for owner, count in waiting.items():
+        if owner != job.owner:
+            in_hand = running.get(owner, 0)
+            before = min(max(turn - in_hand, 0), count)
+            ahead += before
+            if before < count and before + in_hand == turn:  # at the same turn, the older goes first
+                ahead += (connection.scalar(_NTH, {"owner": owner, "skipped": before}) or 0) < job.seq
+    return ahead
+
+
+def _next(connection: Connection) -> int | None:
+    running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
+    for count in sorted({running.get(owner, 0) for owner in waiting}):
+        level = [owner for owner in waiting if running.get(owner, 0) == count]
+        found: list[int | None] = [connection.scalar(_OLDEST, {"owner": owner}) for owner in level]
+        if seqs := [seq for seq in found if seq is not None]:
+            return min(seqs)
+    return None
+
+
+def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
+    return {row.owner: row.number for row in connection.execute(_BY_OWNER, {"state": state})}
 
 
 def give_back(connection: Connection, job_id: str, *, lost: Lost) -> None:
@@ -179,6 +263,7 @@ def finish(
     result: dict[str, Any] | None = None,
     shape_id: str | None = None,
     warnings: Sequence[str] = (),
+    ignored: Sequence[str] = (),
     reached: dict[str, Any] | None = None,
 ) -> JobRecord | None:
     """End an unfinished job and forget its mesh if nothing else needs it; None if it had ended before."""
@@ -188,6 +273,7 @@ def finish(
         "error": error,
         "result": pack_answer(connection, result),
         "warnings": list(warnings),
+        "ignored": list(ignored),
         "request": {},  # what was said of a shape is the shape's from now on, and goes with it
     }
     values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id} if state == "succeeded" else reached or {}

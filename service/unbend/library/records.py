@@ -78,6 +78,12 @@ class JobRecord:
     seq: int
     warnings: list[str] = field(default_factory=list)
     """Warnings of its signature, once it has succeeded."""
+    owner: str | None = None
+    """The key that it was sent with; None where none was needed."""
+    idempotency: str | None = None
+    fingerprint: str | None = None
+    ignored: list[str] = field(default_factory=list)
+    """Fields of an upload that the stored shape did not take."""
     detail: dict[str, float] = field(default_factory=dict)
     """What the stage tells of itself while the job runs; not stored."""
 

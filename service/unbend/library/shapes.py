@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
@@ -137,6 +137,20 @@ def add_shape(connection: Connection, new: NewShape) -> str:
         _ADD_SHAPE, {"id": shape_id, "signature_id": signature_id, "created_at": now, "updated_at": now, **described}
     )
     return shape_id
+
+
+IfKnown = Literal["keep", "update"]
+"""Whether a shape that is stored already keeps its name, label and metadata, or takes those that were sent."""
+
+
+def describe_anew(
+    connection: Connection, record: ShapeRecord, sent: Mapping[str, Any], if_known: IfKnown
+) -> tuple[ShapeRecord, list[str]]:
+    """Have a stored shape take what was sent for its file again, or not; return it, and the fields it did not take."""
+    different = {name: value for name, value in sent.items() if getattr(record, name) != value}
+    if different and if_known == "update":
+        return change_shape(connection, record.id, different), []
+    return record, sorted(different)
 
 
 def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import AwareDatetime
 
 from unbend.api.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
@@ -12,6 +12,7 @@ from unbend.api.fields import Id, JobId
 from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Forgotten, Job, JobList, JobSummary
 from unbend.api.problems import problem_responses
+from unbend.api.senders import must_see, owner_of
 from unbend.api.service import Service, ServiceDependency
 from unbend.library.queue import JobFilter
 from unbend.library.records import JobKind, JobRecord, JobState
@@ -30,6 +31,7 @@ MAX_WAIT_SECONDS = 60.0
 )
 async def list_jobs(
     service: ServiceDependency,
+    request: Request,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
     kind: Annotated[JobKind | None, Query(description="Only uploads, or only queries.")] = None,
     shape_id: Annotated[Id | None, Query(description="Only uploads that became this shape.")] = None,
@@ -39,7 +41,9 @@ async def list_jobs(
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> JobList:
     """List jobs without their results, the newest first."""
-    page, ahead = await service.runner.page(JobFilter(state, kind, shape_id), cursor=cursor, limit=limit)
+    page, ahead = await service.runner.page(
+        JobFilter(state, kind, shape_id, owner_of(request)), cursor=cursor, limit=limit
+    )
     items = [JobSummary.of(record, ahead.get(record.id)) for record in page.items]
     return JobList(items=items, next_cursor=page.next_cursor)
 
@@ -47,10 +51,11 @@ async def list_jobs(
 @router.delete("", responses=problem_responses(422))
 async def forget_jobs(
     service: ServiceDependency,
+    request: Request,
     before: Annotated[AwareDatetime, Query(description="An instant with its offset (RFC 3339).")],
 ) -> Forgotten:
     """Forget the jobs that ended before an instant. Shapes that uploads became stay."""
-    return Forgotten(forgotten=await service.runner.forget(before))
+    return Forgotten(forgotten=await service.runner.forget(before, owner_of(request)))
 
 
 @router.get(
@@ -58,14 +63,16 @@ async def forget_jobs(
 )
 async def get_job(
     service: ServiceDependency,
+    request: Request,
     job_id: JobId,
     wait: Annotated[
         float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Answer when the job has ended, or after these seconds.")
     ] = 0.0,
 ) -> Job:
     """Return a job; with `wait` this is a long poll."""
+    job = must_see(request, await service.runner.status(job_id))
     if not wait:
-        return await _with_position(service, await service.runner.status(job_id))
+        return await _with_position(service, job)
     with service.waits.one():
         record = await service.runner.wait(job_id, wait)
     return await _with_position(service, record)
@@ -85,6 +92,7 @@ async def get_job(
 )
 async def follow_job(
     service: ServiceDependency,
+    request: Request,
     job_id: JobId,
     last_event_id: Annotated[
         str | None, Header(description="The `id` of the event that came last: it is not sent again.")
@@ -95,7 +103,7 @@ async def follow_job(
     The last is the ended job, and the stream closes. It also closes when the server stops: come back then.
     """
     last = parse_id(last_event_id)
-    record = await service.runner.status(job_id)
+    record = must_see(request, await service.runner.status(job_id))
     if record.finished and event_id(record) == last:
         return Response(status_code=204, headers=HEADERS)
     service.waits.check()
@@ -107,8 +115,9 @@ async def follow_job(
     "/{job_id}",
     responses={200: {"links": job_links("$response.body#/id", "cancel_job")}, **problem_responses(404, 422)},
 )
-async def cancel_job(service: ServiceDependency, job_id: JobId) -> Job:
+async def cancel_job(service: ServiceDependency, request: Request, job_id: JobId) -> Job:
     """Cancel a job. One that runs is stopped; one that has ended stays as it is."""
+    must_see(request, await service.runner.status(job_id))
     return await _with_position(service, await service.runner.cancel(job_id))
 
 

@@ -26,6 +26,7 @@ from unbend.api.links import job_links, shape_links
 from unbend.api.models import Job, Ranking, ShapeQuery
 from unbend.api.problems import MediaTypeError, pointing_at, problem_responses
 from unbend.api.routes.jobs import MAX_WAIT_SECONDS
+from unbend.api.senders import IdempotencyKey, key_of, sender_of
 from unbend.api.service import Service, ServiceDependency
 from unbend.api.uploads import read_upload
 from unbend.errors import BusyError
@@ -88,6 +89,7 @@ async def query(
     service: ServiceDependency,
     request: Request,
     prefer: Annotated[str | None, Header(description="`wait=10`: answer in place if done in 10 seconds.")] = None,
+    idempotency_key: IdempotencyKey = None,  # noqa: ARG001  `sender_of` reads it
 ) -> Response:
     """Rank the library's classes and shapes by their distance from a mesh, or from a stored shape.
 
@@ -118,13 +120,13 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
     asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
     _check(asked)
     upload = await read_upload(file, asked.parameters, asked.policy)
-    answer = await service.runner.submit(
-        "query", upload, {"measure": asked.measure, "classifier": asked.classifier, "k": asked.k}
-    )
+    question = {"measure": asked.measure, "classifier": asked.classifier, "k": asked.k}
+    sender, key = sender_of(request, "query", upload, question), key_of(request)
+    answer = await service.runner.submit("query", upload, question, sender, key.most_jobs if key else None)
     if not isinstance(answer, JobRecord):
         raise TypeError("a query does not become a shape")
     record = await _waited(service, request, answer, wait)
-    if await request.is_disconnected():  # nobody knows of the job, and nobody will ask for its answer
+    if not sender.idempotency and await request.is_disconnected():  # nobody knows of the job, or will ask for it
         await service.runner.cancel(record.id)
     if record.state == "succeeded":
         return JSONResponse(record.result)

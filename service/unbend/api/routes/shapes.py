@@ -15,16 +15,19 @@ from unbend.api.conditions import etag_of, expected_revisions, is_known
 from unbend.api.fields import FILE, FILE_ENCODING, MetadataText, ParametersText, PolicyText, ShapeId
 from unbend.api.headers import DISPOSITION, ETAG, LOCATION
 from unbend.api.links import job_links, next_page, shape_links
-from unbend.api.models import Descriptors, Distances, Job, Shape, ShapeChanges, ShapePage
+from unbend.api.models import Descriptors, Distances, Job, KnownShape, Shape, ShapeChanges, ShapePage
 from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response, sends
 from unbend.api.problems import problem_responses
+from unbend.api.senders import IdempotencyKey, key_of, sender_of
 from unbend.api.service import Service, ServiceDependency, service_of
 from unbend.api.strictness import refuse_others
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
+from unbend.jobs.runner import Known
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library import shapes as rows
 from unbend.library.records import ShapeRecord
+from unbend.library.shapes import IfKnown
 from unbend.library.values import check_changes
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import MAX_TEXT
@@ -38,7 +41,7 @@ IfMatch = Annotated[
 ]
 
 
-_FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy"})
+_FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy", "if_known"})
 """Of the form of an upload."""
 
 
@@ -57,7 +60,7 @@ def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
     status_code=202,
     response_model=Job,
     responses={
-        200: {"model": Shape, "description": "Stored already.", "links": shape_links("$response.body#/id")},
+        200: {"model": KnownShape, "description": "Stored already.", "links": shape_links("$response.body#/id")},
         202: {"headers": LOCATION, "links": job_links("$response.body#/id")},
         **problem_responses(415, 422, 429),
     },
@@ -75,18 +78,29 @@ async def upload_shape(
     metadata: Annotated[MetadataText, Form()] = None,
     parameters: Annotated[ParametersText, Form()] = None,
     policy: Annotated[PolicyText, Form()] = None,
+    if_known: Annotated[
+        IfKnown,
+        Form(description="Whether a shape stored already keeps its name, label and metadata, or takes those sent."),
+    ] = "keep",
+    idempotency_key: IdempotencyKey = None,  # noqa: ARG001  `sender_of` reads it
 ) -> Response:
     """Store a mesh and have its signature computed.
 
     Answered at once with the job that computes it; the job is durable by then. Where the same bytes were stored
-    with the same parameters and policy before, that shape is the answer.
+    with the same parameters and policy before, that shape is the answer, and `ignored` names what was sent with it
+    now that it did not take.
     """
     refuse_others("body", await request.form(), _FIELDS)
-    described = {"name": name_of(file, name), "label": label or None, "metadata": parse_metadata(metadata)}
+    given = {"name": name, "label": label, "metadata": metadata}
+    described = {
+        "name": name_of(file, name), "label": label or None, "metadata": parse_metadata(metadata),
+        "sent": [field for field, value in given.items() if value], "if_known": if_known,
+    }  # fmt: skip
     upload = await read_upload(file, parameters, policy)
-    answer = await service.runner.submit("shape", upload, described)
-    if isinstance(answer, ShapeRecord):
-        return JSONResponse(Shape.of(answer).model_dump(mode="json"))
+    sender, key = sender_of(request, "shape", upload, described), key_of(request)
+    answer = await service.runner.submit("shape", upload, described, sender, key.most_jobs if key else None)
+    if isinstance(answer, Known):
+        return JSONResponse(KnownShape.of_known(answer).model_dump(mode="json"))
     job = Job.of(answer, await service.runner.position(answer))
     return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
 

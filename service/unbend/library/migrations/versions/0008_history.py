@@ -1,4 +1,4 @@
-"""History: answers refer to shapes and classes, ended jobs keep no words of an upload; shapes say when they changed."""
+"""Promises: answers refer to shapes and classes, ended jobs keep no words, shapes say when they changed, jobs whose."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -32,6 +32,14 @@ def upgrade() -> None:
     )
     op.create_index(op.f("ix_jobs_shape_id"), "jobs", ["shape_id"])
     op.create_index(op.f("ix_jobs_finished_at"), "jobs", ["finished_at"])
+    op.add_column("jobs", sa.Column("owner", sa.String(12)))
+    op.add_column("jobs", sa.Column("idempotency", sa.String(64)))
+    op.add_column("jobs", sa.Column("fingerprint", sa.String(64)))
+    op.add_column("jobs", sa.Column("ignored", sa.JSON(), nullable=False, server_default="[]"))
+    op.create_index(op.f("ix_jobs_state_owner_seq"), "jobs", ["state", "owner", "seq"])
+    op.create_index(op.f("ix_jobs_idempotency"), "jobs", ["idempotency"])
+    op.add_column("api_keys", sa.Column("expires_at", sa.Float()))
+    op.add_column("api_keys", sa.Column("most_jobs", sa.Integer()))
     op.add_column("shapes", sa.Column("updated_at", sa.Float(), nullable=False, server_default="0"))
     op.execute(SHAPES.update().values(updated_at=SHAPES.c.created_at))
     ended = JOBS.c.state.in_(("succeeded", "failed", "cancelled"))
@@ -75,6 +83,12 @@ def downgrade() -> None:
         if result:
             emptied = result | {"shapes": [], "classes": []}
             connection.execute(JOBS.update().where(JOBS.c.seq == seq).values(result=emptied))
+    for column in ("most_jobs", "expires_at"):
+        op.drop_column("api_keys", column)
+    for index in ("ix_jobs_idempotency", "ix_jobs_state_owner_seq"):
+        op.drop_index(op.f(index), "jobs")
+    for column in ("ignored", "fingerprint", "idempotency", "owner"):
+        op.drop_column("jobs", column)
     op.drop_column("shapes", "updated_at")
     op.drop_index(op.f("ix_jobs_finished_at"), "jobs")
     op.drop_index(op.f("ix_jobs_shape_id"), "jobs")

@@ -1,0 +1,145 @@
+"""The same file twice, the same request twice, and keys that have limits."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from problem import check
+from server import DAMAGED, ENDLESS, SAMPLES, Server, ended, endless_mesh, medium_mesh, post_mesh, small_mesh
+from unbend import Library
+from unbend.library.keys import create_key
+
+FEW = json.dumps(SAMPLES)
+LONG = json.dumps(ENDLESS)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with Server(tmp_path_factory.mktemp("uploads"), workers=1) as running:
+        yield running
+
+
+@pytest.fixture
+def http(server):
+    with server.http() as client:
+        yield client
+
+
+def test_what_a_stored_shape_did_not_take_is_said(http):
+    first = ended(http, post_mesh(http, small_mesh(1), parameters=FEW, name="first", label="cat"))
+    again = post_mesh(http, small_mesh(1), parameters=FEW, name="second", label="dog", metadata='{"a": 1}')
+    assert again.status_code == 200
+    told = again.json()
+    assert (told["id"], told["name"], told["label"]) == (first["shape_id"], "first", "cat")
+    assert told["ignored"] == ["label", "metadata", "name"]
+    same = post_mesh(http, small_mesh(1), parameters=FEW, label="cat", file_name="other.ply").json()
+    assert same["ignored"] == []
+
+
+def test_a_stored_shape_takes_what_is_sent_where_that_is_asked(http):
+    first = ended(http, post_mesh(http, small_mesh(2), parameters=FEW, name="first", label="cat"))
+    told = post_mesh(http, small_mesh(2), parameters=FEW, label="dog", if_known="update").json()
+    assert (told["id"], told["name"], told["label"], told["ignored"]) == (first["shape_id"], "first", "dog", [])
+    assert http.get(f"/v1/shapes/{first['shape_id']}").json()["label"] == "dog"
+    check(post_mesh(http, small_mesh(2), parameters=FEW, if_known="perhaps"), 422, "request_invalid")
+
+
+def test_two_people_who_upload_the_same_bytes_have_a_job_each(http):
+    mine = post_mesh(http, medium_mesh(), name="mine", label="a")
+    theirs = post_mesh(http, medium_mesh(), name="theirs", label="b")
+    changed = post_mesh(http, medium_mesh(), label="c", if_known="update")
+    assert len({answer.json()["id"] for answer in (mine, theirs, changed)}) == 3
+    assert http.delete(mine.headers["Location"]).json()["state"] == "cancelled"
+    second, third = ended(http, theirs), ended(http, changed)
+    assert (second["state"], second["ignored"]) == ("succeeded", [])
+    assert (third["shape_id"], third["ignored"]) == (second["shape_id"], [])
+    shape = http.get(f"/v1/shapes/{second['shape_id']}").json()
+    assert (shape["name"], shape["label"]) == ("theirs", "c")
+
+
+def test_a_job_that_comes_second_says_what_was_not_taken(http):
+    answers = [post_mesh(http, small_mesh(3), parameters=FEW, label=label) for label in "ab"]
+    jobs = [answer.json() if answer.status_code == 200 else ended(http, answer) for answer in answers]
+    assert jobs[1]["ignored"] == ["label"]
+
+
+def test_a_request_sent_again_under_its_name_is_done_once(tmp_path):
+    form = {"files": {"file": ("m.off", DAMAGED)}}
+    names = {"Idempotency-Key": "3f1c-the-first"}
+    with Server(tmp_path, workers=1) as server, server.http() as http:
+        first = http.post("/v1/shapes", **form, headers=names)
+        again = http.post("/v1/shapes", **form, headers=names)
+        assert (first.status_code, again.status_code) == (202, 202)
+        assert first.json()["id"] == again.json()["id"]
+        other = {"files": {"file": ("m.ply", small_mesh(1))}}
+        check(http.post("/v1/shapes", **other, headers=names), 422, "idempotency_mismatch")
+        check(http.post("/v1/queries", **form, headers=names), 422, "idempotency_mismatch")
+        for wrong in ("", "x" * 256, "a b"):
+            response = http.post("/v1/shapes", **form, headers={"Idempotency-Key": wrong})
+            assert response.status_code == 422
+        ended(http, first)
+    with Server(tmp_path, workers=1, ready=False) as server, server.http() as http:
+        assert http.post("/v1/shapes", **form, headers=names).json()["id"] == first.json()["id"]
+        assert len(http.get("/v1/jobs").json()["items"]) == 1
+
+
+@pytest.fixture
+def keyed(tmp_path):
+    """A server whose library has keys, and what makes more of them."""
+
+    def key(scope: str, **limits) -> dict[str, str]:
+        with Library(str(tmp_path / "library.db")) as library, library.store.write() as connection:
+            return {"Authorization": f"Bearer {create_key(connection, 'a key', scope, **limits)[1]}"}
+
+    key("read")
+    with Server(tmp_path, workers=1) as server, server.http() as http:
+        yield http, key
+
+
+def test_jobs_are_seen_by_the_key_that_made_them(keyed):
+    http, key = keyed
+    mine, theirs, admin = key("write"), key("write"), key("admin")
+    form = {"files": {"file": ("m.ply", endless_mesh())}, "data": {"parameters": LONG}}
+    job = http.post("/v1/shapes", **form, headers=mine).json()
+    path = f"/v1/jobs/{job['id']}"
+    for method, address in (("GET", path), ("DELETE", path), ("GET", f"{path}/events"), ("GET", f"{path}?wait=1")):
+        check(http.request(method, address, headers=theirs), 404, "not_found")
+    assert http.get("/v1/jobs", headers=theirs).json()["items"] == []
+    for sees in (mine, admin):
+        assert http.get(path, headers=sees).json()["id"] == job["id"]
+        assert [item["id"] for item in http.get("/v1/jobs", headers=sees).json()["items"]] == [job["id"]]
+    assert http.delete(path, headers=admin).json()["state"] == "cancelled"
+    tomorrow = {"before": (datetime.now(UTC) + timedelta(days=1)).isoformat()}
+    assert http.delete("/v1/jobs", params=tomorrow, headers=theirs).json() == {"forgotten": 0}
+    assert http.delete("/v1/jobs", params=tomorrow, headers=mine).json() == {"forgotten": 1}
+
+
+def test_a_key_has_as_many_jobs_as_it_may(keyed):
+    http, key = keyed
+    mine, others = key("write", most_jobs=2), key("write")
+    form = {"files": {"file": ("m.ply", endless_mesh())}, "data": {"parameters": LONG}}
+    jobs = [http.post("/v1/queries", **form, headers=mine).json() for _ in range(2)]
+    problem = http.post("/v1/queries", **form, headers=mine)
+    check(problem, 429, "quota_exceeded")
+    assert int(problem.headers["retry-after"]) > 0
+    other = http.post("/v1/queries", **form, headers=others).json()
+    for job, headers in ((jobs[0], mine), (other, others)):
+        http.delete(f"/v1/jobs/{job['id']}", headers=headers)
+    third = http.post("/v1/queries", **form, headers=mine)
+    assert third.status_code == 202
+    for job in (jobs[1], third.json()):
+        http.delete(f"/v1/jobs/{job['id']}", headers=mine)
+
+
+def test_a_key_is_refused_when_its_time_is_over_and_the_library_stays_closed(keyed):
+    http, key = keyed
+    soon = key("read", expires_at=datetime.now(UTC) + timedelta(seconds=2))
+    assert http.get("/v1/shapes", headers=soon).status_code == 200
+    end = datetime.now(UTC) + timedelta(seconds=30)
+    while http.get("/v1/shapes", headers=soon).status_code == 200:
+        assert datetime.now(UTC) < end
+    check(http.get("/v1/shapes", headers=soon), 401, "key_invalid")
+    check(http.get("/v1/shapes"), 401, "key_required")

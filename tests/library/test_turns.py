@@ -1,0 +1,63 @@
+"""Whose job is next: keys take turns, and a place in the queue is what it says."""
+
+from __future__ import annotations
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from store import PARAMETERS
+from unbend import Library, MeshPolicy
+from unbend.library import queue
+from unbend.library import shapes as rows
+from unbend.library.key import UploadKey
+from unbend.library.queue import Sender
+
+
+def send(connection, number: int, owner: str | None, data: bytes = b"") -> queue.JobRecord:
+    data = data or b"%d" % number
+    key = UploadKey.of(data, PARAMETERS, MeshPolicy())
+    rows.put_mesh(connection, key.sha256, data)
+    kind = "shape" if data == b"same" else "query"
+    return queue.enqueue(connection, kind=kind, key=key, file_type="off", request={}, sender=Sender(owner))
+
+
+def test_sixty_of_one_key_do_not_put_another_back(library):
+    with library.store.write() as connection:
+        for number in range(60):
+            send(connection, number, "a")
+        other = send(connection, 60, "b")
+        assert queue.position(connection, other) == 1
+        claimed = [queue.claim(connection) for _ in range(3)]
+    assert [job.owner for job in claimed] == ["a", "b", "a"]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    owners=st.lists(st.sampled_from([None, "a", "b", "c"]), min_size=1, max_size=14),
+    begun=st.integers(0, 6),
+)
+def test_the_place_of_a_job_is_how_many_are_begun_before_it(tmp_path_factory, owners, begun):
+    with (
+        Library(str(tmp_path_factory.mktemp("turns") / "a.db")) as library,
+        library.store.write() as connection,
+    ):
+        sent = [send(connection, number, owner).id for number, owner in enumerate(owners)]
+        for _ in range(min(begun, len(sent) - 1)):
+            queue.claim(connection)
+        waiting = [queue.get_job(connection, one) for one in sent]
+        places = {job.id: queue.position(connection, job) for job in waiting if job.state == "queued"}
+        order = []
+        while job := queue.claim(connection):
+            order.append(job.id)
+        assert places == {one: place for place, one in enumerate(order)}
+
+
+def test_an_upload_waits_while_another_of_its_file_is_computed(library):
+    with library.store.write() as connection:
+        first, second = (send(connection, number, owner, b"same") for number, owner in enumerate("ab"))
+        other = send(connection, 2, "a")
+        assert queue.claim(connection).id == first.id
+        assert queue.claim(connection).id == other.id
+        assert queue.claim(connection) is None
+        queue.finish(connection, first.id, "failed")
+        assert queue.claim(connection).id == second.id

@@ -26,7 +26,7 @@ def test_480_real_meshes_imported_over_http_are_told_apart_by_their_signatures(l
         writer.writerows(row for _, row in listed)
     with Server(tmp_path / "server") as server:
         done = run("import", str(shared_data), "--labels", str(tmp_path / "labels.csv"), "--url", server.url)
-        assert done.stdout == "480 of 480 shapes imported\n"
+        assert done.stdout == "480 of 480 shapes imported: 480 new\n"
         answer = json.loads(run("query", str(listed[0][0]), "--url", server.url, "--json").stdout)
         assert answer["classes"][0]["label"] == listed[0][1]["class"]
         with Client(server.url) as client:

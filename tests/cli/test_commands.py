@@ -51,7 +51,7 @@ def library(folder, tmp_path_factory) -> str:
     """A library that the folder was imported into."""
     path = tmp_path_factory.mktemp("library") / "library.db"
     done = succeeded("import", folder, "--labels", folder / "labels.csv", "--library", path)
-    assert done.stdout == "5 of 5 shapes imported\n"
+    assert done.stdout == "5 of 5 shapes imported: 5 new\n"
     return str(path)
 
 
@@ -164,7 +164,7 @@ def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder
     (tmp_path / "in/rings/folder.off").mkdir()  # named like a mesh, but none
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--library", tmp_path / "library.db")
     assert done.returncode == 3, done.stderr
-    assert done.stdout == "5 of 6 shapes imported\n"
+    assert done.stdout == "5 of 6 shapes imported: 5 new\n"
     assert done.stderr.count("\n") == 1
     assert str(tmp_path / "in/rings/broken.off") in done.stderr
     assert "ends early" in done.stderr
@@ -173,7 +173,10 @@ def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder
 
 
 def test_an_import_again_stores_nothing_twice(folder, library):
-    assert succeeded("import", folder, "--library", library, run=called).stdout == "5 of 5 shapes imported\n"
+    assert (
+        succeeded("import", folder, "--library", library, run=called).stdout
+        == "5 of 5 shapes imported: 0 new, 5 there already\n"
+    )
     with Library(library) as opened:
         assert len(opened) == 5
         assert opened.labels() == {"sheets": 3, "rings": 2}
@@ -192,7 +195,7 @@ def test_an_import_over_http_stores_the_good_files_and_names_the_bad(folder, tmp
     (tmp_path / "in/bbb.ply").write_bytes(endless_mesh())  # too large for this server
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--url", small_server.url)
     assert done.returncode == 3, done.stderr
-    assert done.stdout == "5 of 7 shapes imported\n"
+    assert done.stdout.startswith("5 of 7 shapes imported: ")
     assert len(done.stderr.splitlines()) == 2
     assert "aaa.off: " in done.stderr
     assert "bbb.ply: " in done.stderr
@@ -543,7 +546,7 @@ def test_a_key_is_shown_once_then_listed_and_revoked(tmp_path):
     assert secret not in done.stderr
     (told,) = json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"]
     assert (told["id"], told["name"], told["scope"], told["revoked_at"]) == (key_id, "scanner", "write", None)
-    assert set(told) == {"id", "name", "scope", "created_at", "revoked_at"}
+    assert set(told) == {"id", "name", "scope", "created_at", "revoked_at", "expires_at", "expired", "most_jobs"}
     assert "scanner" in succeeded("keys", "revoke", key_id, *library, run=called).stdout
     table = succeeded("keys", "list", *library, run=called).stdout
     assert key_id in table
@@ -600,7 +603,7 @@ def test_progress_is_shown_on_a_terminal_and_standard_output_stays_clean(folder,
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, env=without_settings()) as process:
         os.close(theirs)
         assert process.stdout
-        assert process.stdout.read() == b"5 of 5 shapes imported\n"
+        assert process.stdout.read() == b"5 of 5 shapes imported: 5 new\n"
     assert b"importing" in os.read(ours, 100_000)
     os.close(ours)
     assert process.returncode == 0

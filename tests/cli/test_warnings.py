@@ -74,7 +74,7 @@ def test_every_file_of_a_folder_ends_in_the_report_whatever_it_is_called(tmp_pat
         file.write_bytes(DAMAGED if b"bad" in name else small_mesh(number))
     path = tmp_path / "a.db"
     done = called("import", tmp_path / "in", "--library", path, "--label-from", "folder", *FEW)
-    assert (done.returncode, done.stdout) == (3, "4 of 5 shapes imported\n")
+    assert (done.returncode, done.stdout) == (3, "4 of 5 shapes imported: 4 new\n")
     (line,) = done.stderr.splitlines()
     assert line.startswith(rf"{tmp_path}/in/caf\xe9/bad\xe9.off: ")
     with Library(str(path)) as library:
@@ -94,7 +94,7 @@ def test_labels_name_files_by_their_bytes(tmp_path):
     labels, path = tmp_path / "labels.csv", tmp_path / "a.db"
     labels.write_bytes(b"path,class\nm\xe9.ply,ring\nn\xe9.ply,ring\n")
     done = succeeded("import", tmp_path, "--labels", labels, "--library", path, *FEW)
-    assert done.stdout == "2 of 2 shapes imported\n"
+    assert done.stdout == "2 of 2 shapes imported: 2 new\n"
     with Library(str(path)) as library:
         assert library.labels() == {"ring": 2}
     page = tmp_path / "page.html"

@@ -434,7 +434,6 @@ def test_a_full_queue_refuses_and_takes_again_when_there_is_room(library):
         with pytest.raises(QueueFullError) as caught:
             await queue(runner, small_mesh(2))
         assert caught.value.retry_after >= 1
-        assert (await submit(runner, small_mesh(1))).id == third  # no new job, so no room is needed
         assert rows(library, "meshes") == 3
         await runner.cancel(third)
         fourth = await queue(runner, small_mesh(2))

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.api.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
-from unbend.jobs.runner import Known
 from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.shapes import Known
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.names import MAX_TEXT
@@ -57,11 +57,14 @@ class KnownShape(Shape):
     """A member of the library whose file was sent again."""
 
     ignored: list[str] = Field(description=_IGNORED, examples=[["label"]])
+    updated: list[str] = Field(description="What was sent with the file, and the shape took.", examples=[[]])
 
     @classmethod
     def of_known(cls, known: Known) -> Self:
         """Make the answer for a shape that was stored already."""
-        return cls.model_validate(Shape.of(known.shape).model_dump() | {"ignored": list(known.ignored)})
+        return cls.model_validate(
+            Shape.of(known.shape).model_dump() | {"ignored": list(known.ignored), "updated": list(known.updated)}
+        )
 
 
 class ShapePage(BaseModel):

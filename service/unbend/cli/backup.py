@@ -15,14 +15,20 @@ force_option = click.option("--force", is_flag=True, help="Replace what is there
 @click.argument("destination", metavar="DEST", type=click.Path(path_type=Path))
 @library_option
 @force_option
-def backup(destination: Path, library: str | None, force: bool) -> None:
+@click.option("--verify", "only", is_flag=True, help="Check the backup DEST; copy nothing.")
+def backup(destination: Path, library: str | None, force: bool, only: bool) -> None:
     """Copy a library, which may be in use, into the file DEST.
 
     The copy is one state of the library, checked, and there whole or not at all. It has everything: files, API keys (as
-    hashes), and jobs.
+    hashes), and jobs. The check reads every file, signature and document.
     """
     from unbend.library.backup import backup as make  # noqa: PLC0415
+    from unbend.library.backup import verify  # noqa: PLC0415
 
+    if only:
+        found = verify(destination)
+        click.echo(f"{destination}: {found.shapes} shapes, {found.size} bytes, schema {found.revision}, sound")
+        return
     made = make(library or "unbend.db", destination, overwrite=force)
     click.echo(f"{made.path}: {made.shapes} shapes, {made.size} bytes, checked")
 

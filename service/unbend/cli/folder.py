@@ -3,31 +3,40 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Final
 
 from unbend.errors import ParameterError
+from unbend.jsons import parse_json
 from unbend.mesh.formats import FORMATS
 from unbend.names import MAX_TEXT, printable
 
 
 @dataclass(frozen=True)
 class LabelledFile:
-    """A mesh file and the class it belongs to."""
+    """A mesh file, the class it belongs to, and what else `unbend export` wrote of it."""
 
     path: Path
     label: str | None
+    name: str | None = None
+    metadata: dict[str, Any] | None = None
+    parameters: dict[str, Any] = field(default_factory=dict)
+    policy: dict[str, Any] = field(default_factory=dict)
 
 
 def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
     """Return the files of a labels.csv, whose paths are relative to `folder`. One without a class has no label.
+
+    Of the columns that `unbend export` writes, name, metadata, parameters and policy are read where they are there.
 
     A path may hold any bytes, because the names of files may: bytes that are not UTF-8 become surrogates.
 
     Raises
     ------
     ParameterError
-        If the header lacks `path` or `class`, a row lacks a path, a class is not UTF-8, or a file is not there.
+        If the header lacks `path` or `class`, a row lacks a path, text is not UTF-8, an object is not JSON, or a file
+        is not there.
     """
     try:
         with csv_path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
@@ -43,6 +52,9 @@ def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
     return files
 
 
+_OBJECTS: Final = ("metadata", "parameters", "policy")
+
+
 def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[LabelledFile]:
     """Return the mesh files below `folder` in the order of their names."""
     endings = {f".{name}" for name in FORMATS}
@@ -50,6 +62,13 @@ def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[Labell
     if not paths:
         raise ParameterError(f"{folder}: there is no file that ends in {', '.join(FORMATS)}")
     return [LabelledFile(path, _folder_name(path) if label_from_folder else None) for path in paths]
+
+
+def passed_over(folder: Path) -> list[Path]:
+    """Return the files below `folder` that `find_meshes` takes for no meshes, but for hidden ones."""
+    endings = {f".{name}" for name in FORMATS}
+    files = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    return sorted(path for path in files if path.suffix.lower() not in endings)
 
 
 def _folder_name(path: Path) -> str | None:
@@ -62,6 +81,21 @@ def _labelled(row: dict[str, str | None], csv_path: Path, line: int, folder: Pat
         raise ParameterError(f"{csv_path}, line {line}: the path is empty")
     if not (folder / path).is_file():
         raise ParameterError(f"{csv_path}, line {line}: there is no file {folder / path}")
-    if label and label != printable(label):
-        raise ParameterError(f"{csv_path}, line {line}: the class {printable(label)} is not UTF-8")
-    return LabelledFile(folder / path, label or None)
+    for column in ("class", "name"):
+        text = row.get(column) or ""
+        if text != printable(text):
+            raise ParameterError(f"{csv_path}, line {line}: the {column} {printable(text)} is not UTF-8")
+    objects = {name: _object(row.get(name), f"{csv_path}, line {line}: {name}") for name in _OBJECTS}
+    return LabelledFile(
+        folder / path, label or None, row.get("name") or None, objects["metadata"], objects["parameters"] or {},
+        objects["policy"] or {},
+    )  # fmt: skip
+
+
+def _object(text: str | None, what: str) -> dict[str, Any] | None:
+    if not text:
+        return None
+    value = parse_json(text, what)
+    if not isinstance(value, dict):
+        raise ParameterError(f"{what} must be a JSON object")
+    return value

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, Literal
 
 import click
 
 from unbend.cli.connect import connect
-from unbend.cli.folder import LabelledFile, find_meshes, read_labels
+from unbend.cli.folder import LabelledFile, find_meshes, passed_over, read_labels
 from unbend.cli.options import (
     Values,
     folder_argument,
@@ -26,11 +26,16 @@ from unbend.cli.options import (
 )
 from unbend.errors import MeshError, ParameterError, ServiceError, UnbendError
 from unbend.mesh.policy import MeshPolicy
+from unbend.names import printable
 
 if TYPE_CHECKING:
     from unbend.client import Job
 
+Outcome = Literal["new", "updated", "known"]
+
 EXIT_SOME_FAILED = 3
+LABELS = "labels.csv"
+_SAID: Final[dict[Outcome, str]] = {"updated": "changed as they were given", "known": "there already"}
 _AHEAD = 64  # uploads sent before the first is waited for, so that no worker is idle
 
 
@@ -41,6 +46,8 @@ class _Ended:
     path: Path
     error: str = ""
     warnings: Sequence[str] = ()
+    shape_id: str = ""
+    outcome: Outcome = "new"
 
 
 @click.command("import")
@@ -62,6 +69,9 @@ def import_folder(
 ) -> None:
     """Add the meshes of DIR to a library, or to a running service.
 
+    With --labels, names, metadata, parameters and policies that `unbend export` wrote are taken too; options given here
+    count more. A shape that is there already takes what is given.
+
     Files that cannot be used are named on standard error; the exit status is then 3.
     """
     if labels and label_from:
@@ -77,24 +87,61 @@ def import_folder(
         if file.error:
             warn(f"{file.path}: {file.error}")
         warn_of(file.path, file.warnings)
-    imported = sum(not file.error for file in ended)
-    click.echo(f"{imported} of {len(files)} shapes imported")
-    if imported < len(files):
+    _tell_of_twins(ended)
+    if not labels:
+        _tell_of_others(folder)
+    click.echo(_summary(ended))
+    if any(file.error for file in ended):
         sys.exit(EXIT_SOME_FAILED)
+
+
+def _tell_of_others(folder: Path) -> None:
+    """Say which files are no meshes by their names; labels.csv may have been forgotten."""
+    others = passed_over(folder)
+    if folder / LABELS in others:
+        warn(f"{folder / LABELS} is there, and is not read without --labels")
+        others.remove(folder / LABELS)
+    if others:
+        warn(f"{len(others)} other files are passed over, such as {printable(others[0].name)}")
+
+
+def _tell_of_twins(ended: Sequence[_Ended]) -> None:
+    first: dict[str, Path] = {}
+    for file in ended:
+        if not file.error and file.shape_id in first:
+            warn(f"{file.path}: has the same bytes as {first[file.shape_id]}, and both are one shape")
+        elif not file.error:
+            first[file.shape_id] = file.path
+
+
+def _summary(ended: Sequence[_Ended]) -> str:
+    counts = Counter(file.outcome for file in ended if not file.error)
+    parts = [f"{counts['new']} new"]
+    parts += [f"{counts[outcome]} {said}" for outcome, said in _SAID.items() if counts[outcome]]
+    return f"{sum(counts.values())} of {len(ended)} shapes imported: {', '.join(parts)}"
 
 
 def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[_Ended]:
     from unbend.library import Library  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
-    chosen, reading = Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)
+    Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)  # what is wrong with them is wrong for all
     with Library(url) as library:
         for file in files:
             try:
-                added = library.add(file.path, label=file.label, parameters=chosen, policy=reading)
-                yield _Ended(file.path, warnings=added.warnings)
+                received = library.receive(
+                    file.path,
+                    {"name": file.name, "label": file.label, "metadata": file.metadata},
+                    parameters=Parameters.from_dict(file.parameters | dict(parameters)),
+                    policy=MeshPolicy.from_dict(file.policy | dict(policy)),
+                    if_known="update",
+                )
             except (MeshError, ParameterError, OSError) as error:
                 yield _Ended(file.path, str(error))
+            else:
+                shape = received.shape
+                outcome = _outcome(received.updated, is_new=received.is_new)
+                yield _Ended(file.path, warnings=shape.warnings, shape_id=shape.id, outcome=outcome)
 
 
 def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[_Ended]:
@@ -102,7 +149,15 @@ def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, poli
         waiting: deque[tuple[LabelledFile, Job]] = deque()
         for file in files:
             try:
-                job = client.submit(file.path, label=file.label, parameters=parameters, policy=policy)
+                job = client.submit(
+                    file.path,
+                    name=file.name,
+                    label=file.label,
+                    metadata=file.metadata,
+                    parameters=file.parameters | dict(parameters),
+                    policy=file.policy | dict(policy),
+                    if_known="update",
+                )
                 waiting.append((file, job))
             except (UnbendError, OSError) as error:
                 if _is_hopeless(error):
@@ -114,6 +169,12 @@ def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, poli
             yield _end_of(file, job)
 
 
+def _outcome(updated: Sequence[str], *, is_new: bool) -> Outcome:
+    if is_new:
+        return "new"
+    return "updated" if updated else "known"
+
+
 def _is_hopeless(error: Exception) -> bool:
     """Whether no other file will fare better: nobody is there, we may not write, or the options are refused."""
     return isinstance(error, ServiceError) and (
@@ -123,6 +184,8 @@ def _is_hopeless(error: Exception) -> bool:
 
 def _end_of(file: LabelledFile, job: Job) -> _Ended:
     try:
-        return _Ended(file.path, warnings=job.result().get("warnings", ()))
+        shape = job.result()
+        outcome = _outcome(shape.get("updated", ()), is_new="updated" not in shape)
+        return _Ended(file.path, warnings=shape.get("warnings", ()), shape_id=shape["id"], outcome=outcome)
     except UnbendError as error:
         return _Ended(file.path, str(error))

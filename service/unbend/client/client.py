@@ -132,9 +132,16 @@ class Client:
         metadata: Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
         policy: Mapping[str, Any] | None = None,
+        if_known: str | None = None,
     ) -> Job:
-        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already."""
-        content = protocol.upload_content(MeshFile.of(source), Details(name, label, metadata, parameters, policy))
+        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already.
+
+        A stored shape takes the name, label and metadata given where `if_known` is "update"; else it keeps its own, and
+        its `ignored` names those that differ.
+        """
+        content = protocol.upload_content(
+            MeshFile.of(source), Details(name, label, metadata, parameters, policy, if_known)
+        )
         response = self.request("POST", "/v1/shapes", **content)
         return Job(self, *protocol.submitted(response))
 
@@ -319,10 +326,15 @@ class AsyncClient:
         metadata: Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
         policy: Mapping[str, Any] | None = None,
+        if_known: str | None = None,
     ) -> AsyncJob:
-        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already."""
+        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already.
+
+        A stored shape takes the name, label and metadata given where `if_known` is "update"; else it keeps its own, and
+        its `ignored` names those that differ.
+        """
         mesh = await asyncio.to_thread(MeshFile.of, source)
-        content = protocol.upload_content(mesh, Details(name, label, metadata, parameters, policy))
+        content = protocol.upload_content(mesh, Details(name, label, metadata, parameters, policy, if_known))
         return AsyncJob(self, *protocol.submitted(await self.request("POST", "/v1/shapes", **content)))
 
     async def query(

@@ -81,6 +81,7 @@ class Details:
     metadata: Mapping[str, Any] | None = None
     parameters: Mapping[str, Any] | None = None
     policy: Mapping[str, Any] | None = None
+    if_known: str | None = None
 
 
 def upload_content(mesh: MeshFile, details: Details) -> Content:

@@ -295,8 +295,10 @@ def _end_with_known(connection: Connection, job: JobRecord, key: UploadKey) -> J
         return None
     if queue.get_job(connection, job.id).finished:  # cancelled meanwhile
         return None
-    shape, ignored = rows.describe_anew(connection, known, *what_was_sent(job.request))
-    return queue.finish(connection, job.id, "succeeded", shape_id=shape.id, warnings=shape.warnings, ignored=ignored)
+    told = rows.describe_anew(connection, known, *what_was_sent(job.request))
+    return queue.finish(
+        connection, job.id, "succeeded", shape_id=known.id, warnings=known.warnings, ignored=told.ignored
+    )
 
 
 def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> JobRecord | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextvars import copy_context
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -24,7 +24,7 @@ from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
 from unbend.library.queue import NOBODY, JobFilter, Sender
-from unbend.library.records import JobKind, JobPage, JobRecord, ShapeRecord
+from unbend.library.records import JobKind, JobPage, JobRecord
 from unbend.library.writer import Writer
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
@@ -46,14 +46,6 @@ class Upload:
     file_type: str
     parameters: Parameters
     policy: MeshPolicy
-
-
-@dataclass(frozen=True)
-class Known:
-    """A shape that was stored already, and the fields sent with its file that it did not take."""
-
-    shape: ShapeRecord
-    ignored: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -137,7 +129,7 @@ class JobRunner:
 
     async def submit(
         self, kind: JobKind, upload: Upload, request: dict[str, Any], sender: Sender = NOBODY, most: int | None = None
-    ) -> JobRecord | Known:
+    ) -> JobRecord | rows.Known:
         """Queue a computation, durably; or return the stored shape, or the job that was sent before, that is the same.
 
         Parameters
@@ -269,7 +261,7 @@ class JobRunner:
         """Have a change made to the library, in its turn, and wait until it is on disk; no thread waits meanwhile."""
         return await asyncio.wrap_future(self._writer.submit(change))
 
-    def _enqueue(self, connection: Connection, order: _Order) -> JobRecord | Known:
+    def _enqueue(self, connection: Connection, order: _Order) -> JobRecord | rows.Known:
         sender = order.sender
         if sender.idempotency and (
             before := queue.find_sent(connection, sender.idempotency, datetime.now(UTC) - IDEMPOTENCY)
@@ -278,7 +270,7 @@ class JobRunner:
                 raise IdempotencyError("another request was sent with this Idempotency-Key")
             return before
         if order.kind == "shape" and (shape := rows.find_shape(connection, order.key)):
-            return Known(*rows.describe_anew(connection, shape, *what_was_sent(order.request)))
+            return rows.describe_anew(connection, shape, *what_was_sent(order.request))
         self._check_room(connection, order)
         rows.put_mesh(connection, order.key.sha256, order.upload.data)
         job = queue.enqueue(

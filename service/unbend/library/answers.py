@@ -58,6 +58,25 @@ def unpack_answer(connection: Connection, stored: dict[str, Any] | None) -> dict
     }
 
 
+def is_packed(stored: Any) -> bool:
+    """Return whether a value is an answer as `pack_answer` makes it, or None."""
+    if stored is None:
+        return True
+    matches = {"shapes": (int, float), "classes": (int, float, float)}
+    return isinstance(stored, dict) and all(
+        isinstance(stored.get(part), list) and all(_is_match(each, kinds) for each in stored[part])
+        for part, kinds in matches.items()
+    )
+
+
+def _is_match(value: Any, kinds: tuple[type, ...]) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == len(kinds)
+        and all(isinstance(each, kind | int) for each, kind in zip(value, kinds, strict=True))
+    )
+
+
 def forget_label(connection: Connection, label: str | None) -> None:
     """Take a class out of all answers if it has no members any more."""
     if label is not None and connection.scalar(select(shapes.c.seq).where(shapes.c.label == label).limit(1)) is None:

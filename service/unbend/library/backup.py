@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Final
 
 from unbend.errors import BackupError, ParameterError, StoreError, StoreVersionError
-from unbend.library.engine import Store, must_be_there, revisions, sqlite_file
+from unbend.library.engine import Store, make_schema, must_be_there, revisions, sqlite_file
 from unbend.library.restoring import Keys, KeysChangedError, check_keys, prepare
+from unbend.library.verification import check_rows, check_schema, distrust
 
 _BUSY_SECONDS: Final = 30
 _COMPANIONS: Final = ("-wal", "-shm", "-journal")
@@ -49,7 +50,7 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
     Returns
     -------
     Backup
-        Checked as `check_backup` does.
+        Checked as `verify` does.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
     _must_be_free(target, source, overwrite)
     with _staged(target) as staged:
         _copy(source, staged)
-        found = check_backup(staged, source)
+        found = verify(staged, source)
         shutil.copymode(source, staged)
         _sync(staged)
         staged.replace(target)
@@ -75,7 +76,8 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
     """Put a backup in the place of a library, which others may be using: they see the old one or the new one.
 
     The library's own API keys stay, if it ever had any; else the backup's come. Jobs that ran when the backup was made
-    are queued. A backup of an older schema is brought up to date.
+    are queued. A backup of an older schema is brought up to date. Only rows are taken from the backup: the schema is
+    made anew, and each row is checked as `verify` does before it counts.
 
     Parameters
     ----------
@@ -110,13 +112,58 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
             raise ParameterError(f"{given} is the library itself")
         if not overwrite:
             raise ParameterError(f"{target} is there already, and would be replaced")
-    check_backup(given)
     with _staged(target) as staged:
-        _copy(given, staged, page_size=_page_size(target))
+        _take_rows(given, staged, check_backup(given).revision, page_size=_page_size(target))
         with closing(Store(url)) as store:
-            found = _put(staged, store)
+            found = _put(given, staged, store)
             store.erase()
     return Backup(target, found.size, found.shapes, found.revision)
+
+
+def verify(path: Path, origin: Path | None = None) -> Backup:
+    """Check every page, row, hash, reference and document of a library's file.
+
+    Of an older schema, the rows are checked as they are when they have been brought up to date, in a copy beside it.
+
+    Parameters
+    ----------
+    path : Path
+        Left as it is.
+    origin : Path, optional
+        What errors are about, where the file comes from elsewhere.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file.
+    BackupError
+        If it is no library, or damaged; the message says where.
+    StoreVersionError
+        If a later version made it.
+    """
+    if not path.is_file():
+        raise ParameterError(f"there is no file {path}")
+    found = check_backup(path, origin)
+    with _staged(path) as staged:
+        checked = path
+        if found.revision != max(revisions()):
+            _take_rows(path, staged, found.revision)
+            Store(str(staged)).close()
+            checked = staged
+        _check_rows(checked, origin or path)
+    return found
+
+
+def _check_rows(path: Path, told: Path) -> None:
+    try:
+        with closing(_open(path)) as connection:
+            distrust(connection)
+            connection.execute("BEGIN")
+            check_rows(connection)
+    except sqlite3.DatabaseError as error:
+        raise BackupError(f"{told} is damaged: {error}") from error
+    except BackupError as error:
+        raise BackupError(f"{told} is damaged: {error}") from error
 
 
 def check_backup(path: Path, origin: Path | None = None) -> Backup:
@@ -132,20 +179,30 @@ def check_backup(path: Path, origin: Path | None = None) -> Backup:
     told = origin or path
     try:
         with closing(_open(path)) as connection:
-            tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-            if not {"alembic_version", "shapes", "meshes", "jobs"} <= tables:
-                raise BackupError(f"{told} is no library of unbend")
-            faults = [text for (text,) in connection.execute("PRAGMA integrity_check(1)") if text != "ok"]
-            faults += [f"a row of {row[0]} refers to nothing" for row in connection.execute("PRAGMA foreign_key_check")]
-            if faults:
-                raise BackupError(f"{told} is damaged: {faults[0].splitlines()[-1]}")
-            (revision,) = connection.execute("SELECT max(version_num) FROM alembic_version").fetchone()
-            (shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
+            distrust(connection)
+            revision, shapes = _look_through(connection)
     except sqlite3.DatabaseError as error:
         raise BackupError(f"{told} is no library, or damaged: {error}") from error
+    except BackupError as error:
+        raise BackupError(f"{told} {error}") from None
     if revision not in revisions():
         raise StoreVersionError(f"{told} was made by a later version of unbend")
     return Backup(path, path.stat().st_size, shapes, revision)
+
+
+def _look_through(connection: sqlite3.Connection) -> tuple[str, int]:
+    """Return the revision of a library's schema, and how many shapes it has; BackupError begins with a verb."""
+    tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    if not {"alembic_version", "shapes", "meshes", "jobs"} <= tables:
+        raise BackupError("is no library of unbend")
+    check_schema(connection)
+    faults = [text for (text,) in connection.execute("PRAGMA integrity_check(1)") if text != "ok"]
+    faults += [f"a row of {row[0]} refers to nothing" for row in connection.execute("PRAGMA foreign_key_check")]
+    if faults:
+        raise BackupError(f"is damaged: {faults[0].splitlines()[-1]}")
+    (revision,) = connection.execute("SELECT max(version_num) FROM alembic_version").fetchone()
+    (shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
+    return str(revision), int(shapes)
 
 
 def _must_be_free(target: Path, source: Path, overwrite: bool) -> None:
@@ -179,12 +236,50 @@ def _open(path: Path) -> sqlite3.Connection:
     return sqlite3.connect(address, uri=True, isolation_level=None, timeout=_BUSY_SECONDS)
 
 
-def _copy(source: Path, empty: Path, page_size: int | None = None) -> None:
+def _take_rows(source: Path, empty: Path, revision: str, page_size: int | None = None) -> None:
+    """Copy the rows of one state of a library into a schema of our own making; nothing else of the file comes along."""
+    try:
+        if page_size:
+            with closing(_open(empty)) as connection:
+                connection.execute(f"PRAGMA page_size = {page_size}")
+                connection.execute("VACUUM")
+        make_schema(empty, revision)
+        with closing(_open(empty)) as connection:
+            distrust(connection)
+            connection.execute("PRAGMA foreign_keys = OFF")
+            connection.execute("ATTACH ? AS given", (f"{source.resolve().as_uri()}?mode=rw",))
+            connection.execute("BEGIN")
+            for table, columns in _columns(connection).items():
+                _take_table(connection, table, columns, source)
+            connection.execute("COMMIT")
+            connection.execute("DETACH given")
+    except sqlite3.DatabaseError as error:
+        raise BackupError(f"{source} is damaged: {error}") from error
+
+
+def _columns(connection: sqlite3.Connection) -> dict[str, list[str]]:
+    """Return the tables of our own schema with their columns; what counts automatic keys comes last."""
+    tables = [name for (name,) in connection.execute("SELECT name FROM main.sqlite_master WHERE type = 'table'")]
+    return {
+        table: [row[1] for row in connection.execute(f"PRAGMA main.table_info('{table}')")]
+        for table in sorted(tables, key=lambda name: name == "sqlite_sequence")
+        if table != "alembic_version"
+    }
+
+
+def _take_table(connection: sqlite3.Connection, table: str, columns: list[str], source: Path) -> None:
+    there = {row[1] for row in connection.execute(f"PRAGMA given.table_info('{table}')")}
+    if missing := set(columns) - there:
+        raise BackupError(f"{source} is damaged: its table {table} has no {min(missing)}")
+    named = ", ".join(columns)
+    connection.execute(f"DELETE FROM main.{table}")  # noqa: S608  names of our own schema
+    connection.execute(f"INSERT INTO main.{table} ({named}) SELECT {named} FROM given.{table}")  # noqa: S608
+
+
+def _copy(source: Path, empty: Path) -> None:
     """Copy one state of a database. Pages that nothing is in, and may have held something, are left behind."""
     try:
         with closing(_open(source)) as connection:
-            if page_size:
-                connection.execute(f"PRAGMA page_size = {page_size}")
             connection.execute("VACUUM INTO ?", (str(empty.resolve()),))
     except sqlite3.DatabaseError as error:
         raise StoreError(f"{source} cannot be copied: {error}") from error
@@ -217,11 +312,12 @@ class _Watch:
             self._checked = True
 
 
-def _put(staged: Path, store: Store) -> Backup:
+def _put(given: Path, staged: Path, store: Store) -> Backup:
     """Make a staged library ready and copy it over `store`, in one transaction."""
     while True:
         keys = prepare(staged, store)
         found = check_backup(staged)
+        _check_rows(staged, given)
         with contextlib.suppress(KeysChangedError):
             _copy_over(staged, store, _Watch(store, keys))
             return found

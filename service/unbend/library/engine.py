@@ -211,6 +211,17 @@ def must_be_there(url: str) -> None:
         raise ParameterError(f"there is no library at {address.database}")
 
 
+def make_schema(path: Path, revision: str) -> None:
+    """Make an empty library of an earlier, or today's, schema in a file that is empty or not there."""
+    engine = create_engine(URL.create("sqlite", database=str(path)))
+    event.listen(engine, "begin", _begin_sqlite)
+    event.listen(engine, "connect", _without_driver)
+    try:
+        _migrate(engine, revision)
+    finally:
+        engine.dispose()
+
+
 def revisions() -> frozenset[str]:
     """Return the revisions of the schema that this version knows."""
     return frozenset(script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions())
@@ -265,8 +276,12 @@ def _unknown(url: str) -> ParameterError:
     return ParameterError(f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know")
 
 
-def _prepare_sqlite(connection: Any, _record: object) -> None:
+def _without_driver(connection: Any, _record: object) -> None:
     connection.isolation_level = None  # transactions are begun below, not by the driver
+
+
+def _prepare_sqlite(connection: Any, record: object) -> None:
+    _without_driver(connection, record)
     cursor = connection.cursor()
     cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
     cursor.execute("PRAGMA journal_mode = WAL")
@@ -292,12 +307,12 @@ def _config() -> Config:
     return config
 
 
-def _migrate(engine: Engine) -> None:
+def _migrate(engine: Engine, revision: str = "head") -> None:
     config = _config()
     try:
         with engine.execution_options(unbend_migrating=True).begin() as connection:
             config.attributes["connection"] = connection
-            command.upgrade(config, "head")
+            command.upgrade(config, revision)
     except CommandError as error:
         raise StoreVersionError("the library was made by a later version of unbend") from error
     except (DatabaseError, sqlite3.Error) as error:  # the latter from the beginning of a transaction

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -21,6 +22,7 @@ from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, m
 from unbend.library.payload import PackedSignature, unpack_signature
 from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
+from unbend.library.shapes import IfKnown
 from unbend.library.values import check_changes
 from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
 from unbend.matching.evaluate import Evaluation, RetrievalFigures
@@ -34,6 +36,19 @@ from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import ALGORITHM_VERSION, Signature
 
 DEFAULT_K = 10
+
+
+@dataclass(frozen=True)
+class Received:
+    """A shape that was given to a library."""
+
+    shape: ShapeRecord
+    is_new: bool
+    """Whether it was not stored before."""
+    ignored: Sequence[str] = ()
+    """What was given, is other than what was stored before, and was not taken: of "name", "label", "metadata"."""
+    updated: Sequence[str] = ()
+    """What was given, is other than what was stored before, and was taken."""
 
 
 class Library:
@@ -81,6 +96,7 @@ class Library:
         metadata: dict[str, Any] | None = None,
         parameters: Parameters | None = None,
         policy: MeshPolicy | None = None,
+        if_known: IfKnown = "keep",
     ) -> ShapeRecord:
         """Read a mesh, compute its signature and store both.
 
@@ -93,15 +109,18 @@ class Library:
         label : str, optional
             The class that the shape is known to belong to.
         metadata : dict, optional
-            Anything that JSON can hold.
+            Anything that JSON can hold: at most 32 kB of it, 16 deep, with 1000 members.
         parameters : Parameters, optional
         policy : MeshPolicy, optional
             How the mesh is read. Shapes are compared whatever theirs is.
+        if_known : "keep" or "update", default "keep"
+            Whether a shape that was stored before from the same file, with the same parameters and policy, stays as it
+            is, or takes the name, label and metadata that are given.
 
         Returns
         -------
         ShapeRecord
-            The stored one if the same file was added with the same parameters and policy before.
+            The stored one if there is one. `receive` says whether that is so, and what it did not take.
 
         Raises
         ------
@@ -110,21 +129,35 @@ class Library:
         ParameterError
             If the name, label or metadata cannot be stored.
         """
-        given = Path("unnamed") if isinstance(source, bytes) else Path(source)
-        described: dict[str, Any] = {
-            "name": (name or printable(given.stem))[:MAX_TEXT],
-            "label": label,
-            "metadata": metadata or {},
-        }
+        given = {"name": name, "label": label, "metadata": metadata}
+        return self.receive(source, given, parameters=parameters, policy=policy, if_known=if_known).shape
+
+    def receive(
+        self,
+        source: bytes | str | Path,
+        given: Mapping[str, Any],
+        *,
+        parameters: Parameters | None = None,
+        policy: MeshPolicy | None = None,
+        if_known: IfKnown = "keep",
+    ) -> Received:
+        """Do as `add` does, and say what became of it.
+
+        `given` holds the name, label and metadata; those that are None are not given.
+        """
+        path = Path("unnamed") if isinstance(source, bytes) else Path(source)
+        sent = {name: value for name, value in given.items() if value is not None}
+        described: dict[str, Any] = {"name": printable(path.stem)[:MAX_TEXT], "label": None, "metadata": {}} | sent
         check_changes(described)
-        data = source if isinstance(source, bytes) else given.read_bytes()
+        data = source if isinstance(source, bytes) else path.read_bytes()
         chosen, reading = parameters or Parameters(), policy or MeshPolicy()
         key = UploadKey.of(data, chosen, reading)
         with self.store.read() as connection:
             known = rows.find_shape(connection, key)
         if known:
-            return known
-        surface = read_mesh(data, file_type=given.suffix, policy=reading)
+            told = self.store.change(partial(rows.describe_anew, record=known, sent=sent, if_known=if_known))
+            return Received(told.shape, is_new=False, ignored=told.ignored, updated=told.updated)
+        surface = read_mesh(data, file_type=path.suffix, policy=reading)
         new = rows.NewShape(
             sha256=key.sha256,
             policy=reading,
@@ -138,7 +171,7 @@ class Library:
             rows.put_mesh(connection, key.sha256, data)
             return rows.get_shape(connection, rows.add_shape(connection, new))
 
-        return self.store.change(store)
+        return Received(self.store.change(store), is_new=True)
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape's record; NotFoundError if there is none."""

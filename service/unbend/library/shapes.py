@@ -143,14 +143,23 @@ IfKnown = Literal["keep", "update"]
 """Whether a shape that is stored already keeps its name, label and metadata, or takes those that were sent."""
 
 
-def describe_anew(
-    connection: Connection, record: ShapeRecord, sent: Mapping[str, Any], if_known: IfKnown
-) -> tuple[ShapeRecord, list[str]]:
-    """Have a stored shape take what was sent for its file again, or not; return it, and the fields it did not take."""
+@dataclass(frozen=True)
+class Known:
+    """A shape whose file was sent again, and which of the fields sent with it were other than the stored ones."""
+
+    shape: ShapeRecord
+    ignored: Sequence[str] = ()
+    """Those that it did not take."""
+    updated: Sequence[str] = ()
+    """Those that it took."""
+
+
+def describe_anew(connection: Connection, record: ShapeRecord, sent: Mapping[str, Any], if_known: IfKnown) -> Known:
+    """Have a stored shape take what was sent with its file, or not."""
     different = {name: value for name, value in sent.items() if getattr(record, name) != value}
     if different and if_known == "update":
-        return change_shape(connection, record.id, different), []
-    return record, sorted(different)
+        return Known(change_shape(connection, record.id, different), updated=sorted(different))
+    return Known(record, ignored=sorted(different))
 
 
 def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:

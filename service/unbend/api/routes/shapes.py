@@ -23,7 +23,6 @@ from unbend.api.service import Service, ServiceDependency, service_of
 from unbend.api.strictness import refuse_others
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
-from unbend.jobs.runner import Known
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library import shapes as rows
 from unbend.library.records import ShapeRecord
@@ -99,7 +98,7 @@ async def upload_shape(
     upload = await read_upload(file, parameters, policy)
     sender, key = sender_of(request, "shape", upload, described), key_of(request)
     answer = await service.runner.submit("shape", upload, described, sender, key.most_jobs if key else None)
-    if isinstance(answer, Known):
+    if isinstance(answer, rows.Known):
         return JSONResponse(KnownShape.of_known(answer).model_dump(mode="json"))
     job = Job.of(answer, await service.runner.position(answer))
     return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})

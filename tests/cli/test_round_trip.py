@@ -1,0 +1,120 @@
+"""What is exported is what is imported: names, labels, metadata, parameters and policies, into a file and a service."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+
+from commands import called, succeeded
+from server import Server, small_mesh, two_rings
+from server import ply as as_ply
+from unbend import Library, MeshPolicy, Parameters
+
+FEW = Parameters(samples=40)
+COMPARED = ("name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "warnings")
+
+SHAPES = [
+    ("plain", "cat", {}),
+    ("=1+1", "=SUM(A1)", {"a": [1, None, {"b": "c"}]}),
+    ("two\nlines\r\n", 'quo"te,;\n', {"\u2028": "\u202e"}),
+    ("../../etc/passwd", None, {}),
+    ("K\u00e4se \U0001f9c0", "K\u00e4se", {"k": 1e300}),
+    ("plain", "dog", {"number": 12345678901234567890}),
+]
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """A library with hostile names, and the same files computed and read in several ways; and its export."""
+    folder = tmp_path_factory.mktemp("original")
+    with Library(str(folder / "a.db")) as library:
+        for number, (name, label, metadata) in enumerate(SHAPES):
+            library.add(small_mesh(number), name=name, label=label, metadata=metadata, parameters=FEW)
+        for samples in (41, 42):
+            library.add(small_mesh(0), name=f"with {samples}", parameters=Parameters(samples=samples))
+        rings = as_ply(two_rings(1))
+        for policy in (MeshPolicy(), MeshPolicy(components="bridge"), MeshPolicy(seams="keep")):
+            library.add(rings, name="rings", label="a", parameters=FEW, policy=policy)
+        library.export(folder / "out")
+        return folder / "out", told(library.page(limit=500).items)
+
+
+def told(items) -> list[dict]:
+    fields = [{name: getattr(item, name) for name in COMPARED} for item in items]
+    return sorted(fields, key=lambda item: json.dumps(item, sort_keys=True))
+
+
+def test_a_library_comes_back_as_it_was(original, tmp_path):
+    folder, before = original
+    arguments = ("import", folder, "--labels", folder / "labels.csv", "--library", tmp_path / "b.db")
+    assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 11 new\n"
+    with Library(str(tmp_path / "b.db")) as library:
+        assert told(library.page(limit=500).items) == before
+    assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 0 new, 11 there already\n"
+
+
+def test_a_library_comes_back_over_http_as_it_was(original, tmp_path):
+    folder, before = original
+    with Server(tmp_path, workers=1) as server:
+        arguments = ("import", folder, "--labels", folder / "labels.csv", "--url", server.url)
+        assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 11 new\n"
+        with Library(str(server.library)) as library:
+            assert told(library.page(limit=500).items) == before
+        relabel(folder / "labels.csv", tmp_path / "labels.csv")
+        again = ("import", folder, "--labels", tmp_path / "labels.csv", "--url", server.url)
+        said = succeeded(*again, run=called).stdout
+        assert said == "11 of 11 shapes imported: 0 new, 1 changed as they were given, 10 there already\n"
+
+
+def relabel(source, target) -> None:
+    with source.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    rows[0]["class"] = "corrected"
+    with target.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def test_corrected_labels_are_taken(original, tmp_path):
+    folder, _ = original
+    library = ("--library", tmp_path / "b.db")
+    succeeded("import", folder, "--labels", folder / "labels.csv", *library, run=called)
+    relabel(folder / "labels.csv", tmp_path / "labels.csv")
+    done = succeeded("import", folder, "--labels", tmp_path / "labels.csv", *library, run=called)
+    assert done.stdout == "11 of 11 shapes imported: 0 new, 1 changed as they were given, 10 there already\n"
+    with Library(str(tmp_path / "b.db")) as opened:
+        assert opened.labels()["corrected"] == 1
+
+
+def test_options_count_more_than_what_was_exported(original, tmp_path):
+    folder, _ = original
+    library = ("--library", tmp_path / "b.db")
+    succeeded("import", folder, "--labels", folder / "labels.csv", *library, "--samples", 30, run=called)
+    with Library(str(tmp_path / "b.db")) as opened:
+        assert {shape.parameters["samples"] for shape in opened.page(limit=500).items} == {30}
+
+
+def test_files_that_are_the_same_and_files_that_are_passed_over_are_said(tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    for name in ("a.ply", "b.ply"):
+        (folder / name).write_bytes(small_mesh(1))
+    (folder / "c").write_bytes(small_mesh(2))
+    (folder / "labels.csv").write_text("path,class\na.ply,cat\n")
+    done = succeeded("import", folder, "--samples", 40, "--library", tmp_path / "a.db", run=called)
+    assert done.stdout == "2 of 2 shapes imported: 1 new, 1 there already\n"
+    assert "b.ply: has the same bytes as" in done.stderr
+    assert "labels.csv is there, and is not read without --labels" in done.stderr
+    assert "1 other files are passed over, such as c" in done.stderr
+
+
+@pytest.mark.parametrize(("column", "text"), [("metadata", "[1]"), ("parameters", "{"), ("policy", "1")])
+def test_a_document_that_is_none_is_told_with_its_line(tmp_path, column, text):
+    (tmp_path / "a.ply").write_bytes(small_mesh(1))
+    (tmp_path / "labels.csv").write_text(f"path,class,{column}\na.ply,cat,{text}\n")
+    done = called("import", tmp_path, "--labels", tmp_path / "labels.csv", "--library", tmp_path / "a.db")
+    assert done.returncode == 1
+    assert f"labels.csv, line 2: {column}" in done.stderr

@@ -45,8 +45,7 @@ def sound(tmp_path_factory) -> Path:
 
 HARM = {
     "a trigger that makes keys": (
-        "CREATE TRIGGER t AFTER INSERT ON jobs BEGIN INSERT INTO api_keys (id, name, scope, sha256, created_at)"
-        " VALUES ('x', 'x', 'write', 'x', 0); END",
+        "CREATE TRIGGER t AFTER INSERT ON jobs BEGIN INSERT INTO api_keys VALUES ('x', 'x', 'x', 'x', 0, 0, 0, 0); END",
         "has a trigger, 't'",
     ),
     "a view": ("CREATE VIEW v AS SELECT 1", "has a view, 'v'"),
@@ -54,8 +53,8 @@ HARM = {
         "ALTER TABLE api_keys RENAME TO k; CREATE VIEW api_keys AS SELECT * FROM k",
         "has a view",
     ),
-    "a missing table": ("DROP TABLE descriptors", "its table descriptors has no"),
-    "a missing column": ("ALTER TABLE jobs DROP COLUMN warnings", "its table jobs has no warnings"),
+    "a missing table": ("DROP TABLE descriptors", "descriptors"),
+    "a missing column": ("ALTER TABLE jobs DROP COLUMN warnings", "warnings"),
     "no state": ("DELETE FROM library_state", "library_state has not one row"),
     "two states": ("INSERT INTO library_state (id, revision) VALUES (7, 1)", "library_state has not one row"),
     "another mesh": ("UPDATE meshes SET data = zeroblob(length(data))", "is not the one that was uploaded"),

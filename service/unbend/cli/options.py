@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import click
+from click.core import ParameterSource
 
 from unbend.mesh.policy import Components, MeshPolicy, Seams
 from unbend.names import printable
@@ -32,10 +33,12 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 
 
 def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
-    """Return a decorator that adds `options`; the command gets their values as one mapping called `name`."""
+    """Return a decorator that adds `options`; the command gets those that are given as one mapping called `name`."""
 
     def put(context: click.Context, option: click.Parameter, value: object) -> None:
-        context.params.setdefault(name, {})[option.name] = value
+        given = context.params.setdefault(name, {})
+        if option.name and context.get_parameter_source(option.name) is not ParameterSource.DEFAULT:
+            given[option.name] = value
 
     def add(command: F) -> F:
         for flag, settings in reversed(options.items()):

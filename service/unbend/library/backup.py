@@ -144,13 +144,13 @@ def verify(path: Path, origin: Path | None = None) -> Backup:
     if not path.is_file():
         raise ParameterError(f"there is no file {path}")
     found = check_backup(path, origin)
+    if found.revision == max(revisions()):
+        _check_rows(path, origin or path)
+        return found
     with _staged(path) as staged:
-        checked = path
-        if found.revision != max(revisions()):
-            _take_rows(path, staged, found.revision)
-            Store(str(staged)).close()
-            checked = staged
-        _check_rows(checked, origin or path)
+        _take_rows(path, staged, found.revision)
+        Store(str(staged)).close()
+        _check_rows(staged, origin or path)
     return found
 
 

@@ -18,6 +18,7 @@
     │   └── BackupError           a file is no whole library
     ├── JobError                  why a job did not give a result
     │   ├── JobTimeoutError       it ran longer than allowed
+    │   │   └── CallTimeoutError  so did what was to be answered in place
     │   ├── JobMemoryError        it asked for more memory than allowed
     │   ├── JobCancelledError     somebody cancelled it
     │   └── WorkerLostError       its process died
@@ -175,6 +176,13 @@ class JobTimeoutError(JobError):
 
     code = "job_timeout"
     advice = "Send a mesh with fewer vertices, ask for fewer samples, or raise UNBEND_JOB_SECONDS."
+
+
+class CallTimeoutError(JobTimeoutError):
+    """What was to be answered in place took longer than the service allows."""
+
+    code = "call_timeout"
+    advice = "Ask again with the header Prefer: respond-async, which makes it a job, or raise UNBEND_CALL_SECONDS."
 
 
 class JobMemoryError(JobError):

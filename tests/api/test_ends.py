@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -156,3 +157,33 @@ def uploads_at_a_full_disk(http, folder) -> None:
     other.unlink()
     until(lambda: http.get("/v1/readyz").status_code == 200)
     assert ended(http, post_mesh(http, small_mesh(2), parameters=FEW))["state"] == "succeeded"
+
+
+def test_a_full_folder_for_temporary_files_is_told(tmp_path):
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    large = {"files": {"file": ("m.ply", bytes(6 * 2**20))}}
+    try:
+        with small_disk(folder, 4), Server(tmp_path, workers=1, ready=False) as server, server.http() as http:
+            for path in ("/v1/shapes", "/v1/queries"):
+                problem = check(http.post(path, **large), 507, "temporary_full")
+                assert "temporary files" in problem["detail"]
+            assert http.get("/v1/livez").status_code == 200
+    except PermissionError:
+        pytest.skip("only root can mount a disk of its own")
+
+
+def test_a_long_job_says_each_second_that_it_goes_on(tmp_path):
+    with Server(tmp_path, workers=1) as server, server.http() as http:
+        url = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS)).headers["Location"]
+        seen: list[float] = []
+        end = time.monotonic() + PATIENCE
+        while len(set(seen)) < 6:
+            assert time.monotonic() < end
+            job = http.get(url).json()
+            if "seconds" in job["detail"]:
+                seen.append(job["detail"]["seconds"])
+            time.sleep(0.1)
+        steps = sorted(set(seen))
+        assert max(later - earlier for earlier, later in itertools.pairwise(steps)) < 5.0
+        http.delete(url)

@@ -20,8 +20,9 @@ OTHERS = {  # one value of each setting that is not its default
     "job_memory_mb": 2048, "drain_seconds": 0, "log_format": "json", "traces": "http://localhost:4318", "open": True,
     "max_arriving_mb": 6, "transfer_seconds": 8.5, "stall_seconds": 2.5, "head_seconds": 3.5, "max_connections": 99,
     "max_waiting": 11, "max_vertices": 12, "max_faces": 13,
-    "job_history": 21, "job_days": 1.5,
-    "reserve_mb": 30, "max_json_kb": 14, "trusted_proxies": "10.0.0.0/8, 127.0.0.1", "allowed_hosts": "unbend",
+    "call_seconds": 6.5, "job_history": 21, "job_days": 1.5,
+    "reserve_mb": 30, "max_json_kb": 14, "max_answering_mb": 15,
+    "trusted_proxies": "10.0.0.0/8, 127.0.0.1", "allowed_hosts": "unbend",
     "requests_per_minute": 9, "cors_origins": "https://example.org, http://[::1]:8080",
 }  # fmt: skip
 

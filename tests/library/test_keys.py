@@ -92,7 +92,7 @@ def test_a_key_that_is_not_there_cannot_be_revoked(library):
         revoke_key(connection, "nobody")
 
 
-@pytest.mark.parametrize(("name", "scope"), [("", "read"), ("x" * 201, "read"), ("two\nlines", "read"), ("x", "admin")])
+@pytest.mark.parametrize(("name", "scope"), [("", "read"), ("x" * 201, "read"), ("two\nlines", "read"), ("x", "god")])
 def test_a_key_without_a_proper_name_or_scope_is_refused(library, name, scope):
     with pytest.raises(ParameterError):
         made(library, name, scope)

@@ -88,7 +88,8 @@ def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh
     assert rows_of(old, "PRAGMA foreign_key_check") == []
     after = everything(old)
     for table, rows in before.items():
-        kept_rows = [row for row in after[table] if row.get("name") != "labels"]  # a table that is new
+        # but for the count of a table that is new
+        kept_rows = [row for row in after[table] if row.get("name") != "labels" or row in rows]
         for earlier, later in zip(rows, kept_rows, strict=True):
             kept = earlier.keys() - {"policy", "epoch"} - ({"result", "request"} if table == "jobs" else set())
             for column in kept:
@@ -150,8 +151,12 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
                 "shape_id",
             ):
                 assert getattr(job, name) == row[name]
-            for name in ("result", "error"):
-                assert getattr(job, name) == json.loads(row[name] or "null")
+            assert job.error == json.loads(row["error"] or "null")
+            answer = json.loads(row["result"] or "null")
+            if answer is None or old.stem < "0008":  # from then on, it refers to shapes and classes
+                assert job.result == answer
+            else:
+                assert len(job.result["shapes"]) == len(answer["shapes"]) == 2
             assert job.request == ({} if job.finished else json.loads(row["request"]))
             assert job.created_at.timestamp() == row["created_at"]
         with library.store.write() as connection:

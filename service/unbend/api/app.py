@@ -16,6 +16,8 @@ from unbend import __version__
 from unbend.api import problems
 from unbend.api.access import Access
 from unbend.api.audit import Audit
+from unbend.api.budget import AnswerBudget
+from unbend.api.compression import Compression
 from unbend.api.headers import SecurityHeaders
 from unbend.api.limits import BodyLimit, Framing
 from unbend.api.methods import Methods
@@ -94,6 +96,8 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
 def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: Traces | None) -> None:
     """Put the layers on, the innermost first: who may not call has no byte of a body read."""
     app.add_middleware(Methods)
+    app.add_middleware(Compression)
+    app.add_middleware(AnswerBudget, together=settings.max_answering_mb * 2**20)
     app.add_middleware(BodyLimit, limits=settings.body_limits)
     app.add_middleware(Access, settings=settings)
     app.add_middleware(Framing)

@@ -11,6 +11,9 @@ from starlette.routing import Match, Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _METHODS: Final = ("GET", "POST", "PUT", "PATCH", "DELETE")
+HEAD: Final = "unbend.head"
+"""Whether, in the scope of a GET that stands for a HEAD, the body is left out: one that is costly need not be made."""
+
 _ROUTED: Final = ("route", "endpoint", "path_params")
 """What routing leaves in a scope, for the log and the figures."""
 
@@ -38,7 +41,7 @@ class Methods:
             await self._app(scope, receive, _allowing({**scope}, send))  # as it is before routes change it
 
     async def _head(self, scope: Scope, receive: Receive, send: Send) -> None:
-        asked = {**scope, "method": "GET"}
+        asked = {**scope, "method": "GET", HEAD: True}
 
         async def noting(message: Message) -> None:
             scope.update({name: asked[name] for name in _ROUTED if name in asked})

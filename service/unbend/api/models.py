@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.api.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
-from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.records import JobKind, JobRecord, ShapeRecord
 from unbend.library.shapes import Known
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
@@ -130,18 +130,21 @@ class JobSummary(BaseModel):
     """A computation: queued, running, and then succeeded, failed or cancelled for good."""
 
     id: Id
-    kind: Literal["shape", "query"]
+    kind: JobKind
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     stage: str = Field(examples=["geodesics"])
     progress: float = Field(ge=0, le=1, examples=[0.42])
     detail: dict[str, float] = Field(
-        description="What a running stage tells: `sample` of `samples`, `row` of `rows`, or `iteration` and `stress`.",
-        examples=[{"row": 120, "rows": 300}],
+        description="What a running stage tells: `sample` of `samples`, `row` of `rows`, or `iteration` and "
+        "`stress`; and `seconds` since the job was begun, each second anew.",
+        examples=[{"row": 120, "rows": 300, "seconds": 4.2}],
     )
     position: int | None = Field(description="Jobs that wait before this one; null once it runs.")
     attempts: int = Field(description="How often it was begun; a lost process costs one.")
     error: JobError | None
-    shape_id: Id | None = Field(description="Of a succeeded upload: the shape it became.")
+    shape_id: Id | None = Field(
+        description="Of a succeeded upload, the shape it became; of a file, the shape it is made of."
+    )
     warnings: list[str] = Field(description=f"Of a succeeded job. {_WARNINGS}")
     ignored: list[str] = Field(description=f"Of an upload whose shape was stored meanwhile. {_IGNORED}")
     created_at: datetime

@@ -68,6 +68,12 @@ def _quality(ranges: Mapping[str, float], name: str, default: str) -> float:
     return next((ranges[each] for each in within if each in ranges), 0.0)
 
 
+def wants_job(request: Request) -> bool:
+    """Return whether a caller would rather have a job than wait (RFC 7240, section 4.1)."""
+    preferences = ",".join(request.headers.getlist("prefer")).lower().split(",")
+    return any(each.partition(";")[0].strip() == "respond-async" for each in preferences)
+
+
 def sends(media_type: str) -> Callable[[Request], None]:
     """Return a dependency that answers 415 to a body of any other type."""
 
@@ -78,12 +84,17 @@ def sends(media_type: str) -> Callable[[Request], None]:
     return check
 
 
-def file_response(data: bytes, file_type: str, name: str) -> Response:
-    """Return a file to download."""
+def file_headers(file_type: str, name: str) -> dict[str, str]:
+    """Return the headers of a file to download."""
     plain = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII) or "shape"
-    headers = {
+    return {
+        "Content-Type": MEDIA_TYPES[file_type],
         "Content-Disposition": f'attachment; filename="{plain}.{file_type}"; '
         f"filename*=UTF-8''{quote(name, safe='')}.{file_type}",
         "Vary": "Accept",
     }
-    return Response(data, media_type=MEDIA_TYPES[file_type], headers=headers)
+
+
+def file_response(data: bytes, file_type: str, name: str) -> Response:
+    """Return a file to download."""
+    return Response(data, headers=file_headers(file_type, name))

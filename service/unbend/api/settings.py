@@ -45,6 +45,9 @@ class Settings(BaseSettings):
         64, ge=1, le=_MANY, description="Most kilobytes of a request without a file: it is parsed while others wait."
     )
     max_arriving_mb: int = Field(1024, ge=1, le=_MANY, description="Most megabytes of all requests in hand together.")
+    max_answering_mb: int = Field(
+        256, ge=1, le=_MANY, description="Most megabytes of answers, but files from the store, that wait to be taken."
+    )
     transfer_seconds: float = Field(
         900.0, gt=0, allow_inf_nan=False, description="Seconds that a request or an answer may take."
     )
@@ -58,6 +61,9 @@ class Settings(BaseSettings):
     max_faces: int = Field(4_000_000, ge=1, le=_MANY, description="Most triangles that a mesh file may hold.")
     max_queued: int = Field(10_000, ge=1, le=_MANY, description="Jobs that may wait before uploads are answered 429.")
     job_seconds: float = Field(600.0, gt=0, allow_inf_nan=False, description="Seconds after which a job is stopped.")
+    call_seconds: float = Field(
+        60.0, gt=0, allow_inf_nan=False, description="Seconds that what is computed while somebody waits may take."
+    )
     job_memory_mb: int = Field(
         8192, ge=1024, le=_ADDRESSES_MB, description="Megabytes of address space that a worker may use."
     )
@@ -170,6 +176,7 @@ class Settings(BaseSettings):
             memory_mb=self.job_memory_mb,
             queued=self.max_queued,
             drain_seconds=self.drain_seconds,
+            call_seconds=self.call_seconds,
             history=self.job_history,
             history_days=self.job_days,
             mesh=MeshLimits(self.max_vertices, self.max_faces),

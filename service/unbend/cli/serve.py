@@ -49,6 +49,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     from unbend.api.connections import HEAD_BYTES, connection_class  # noqa: PLC0415
     from unbend.api.logs import log_config  # noqa: PLC0415
     from unbend.api.serving import Server, bind  # noqa: PLC0415
+    from unbend.heap import prepare as prepare_heap  # noqa: PLC0415
     from unbend.library.lease import Lease  # noqa: PLC0415
 
     settings = read_settings(_given(context), file)
@@ -77,6 +78,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
         proxy_headers=bool(settings.proxies),
         forwarded_allow_ips=settings.proxies,
     )
+    prepare_heap()
     gc.freeze()  # what is there now stays: it need not be looked through again and again while requests wait
     gc.set_threshold(_GARBAGE)
     Server(config, app).run(sockets=sockets)

@@ -21,11 +21,11 @@ from unbend.jobs.news import News
 from unbend.jobs.observer import CURRENT_JOB, JobObserver
 from unbend.jobs.pool import WorkerPool
 from unbend.jobs.progress import Report
-from unbend.jobs.worker import Outcome, StoredMesh, Task, compute
+from unbend.jobs.worker import FileTask, Outcome, StoredMesh, Task, compute, make_file
 from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
-from unbend.library.records import JobRecord
+from unbend.library.records import JobFile, JobRecord
 from unbend.library.writer import Writer
 from unbend.mesh.policy import MeshPolicy
 
@@ -34,6 +34,7 @@ T = TypeVar("T")
 
 _RETRY_SECONDS: Final = 1.0
 _LOOK_SECONDS: Final = 5.0
+_FILES_KEPT: Final = timedelta(days=1)
 _HISTORY_SECONDS: Final = 60.0
 _LAST_SECONDS: Final = 3.0
 """How long a server that stops tries to write to a store that fails. The next server finds what was not written."""
@@ -147,6 +148,7 @@ class Dispatcher:
         while True:
             with contextlib.suppress(StoreError):  # the next time it may be written
                 await self.forget(keep=self._limits.history)
+                await self._made(partial(queue.forget_files, before=datetime.now(UTC) - _FILES_KEPT))
                 if self._limits.history_days:
                     await self.forget(before=datetime.now(UTC) - timedelta(days=self._limits.history_days))
             await asyncio.sleep(_HISTORY_SECONDS)
@@ -237,6 +239,11 @@ class Dispatcher:
         policy, url = MeshPolicy.from_json(job.policy), self._library.store.url
         mesh = StoredMesh(url, job.mesh_sha256 or "", job.file_type, policy, self._limits.mesh)
         listener = partial(self._news.report, job.id)
+        if job.kind == "file":
+            file = FileTask(mesh, job.request["call"], job.request["arguments"])
+            data = await self._pool.call(make_file, (file,), self._limits.seconds, listener)
+            made = JobFile(job.request["file_type"], job.request["name"], data)
+            return await self._made(partial(_store_file, job=job, file=made))
         outcome = await self._pool.call(compute, (Task(mesh, job.parameters),), self._limits.seconds, listener)
         self._observer.computed(outcome.seconds)
         if job.kind == "query":
@@ -299,6 +306,11 @@ def _end_with_known(connection: Connection, job: JobRecord, key: UploadKey) -> J
     return queue.finish(
         connection, job.id, "succeeded", shape_id=known.id, warnings=known.warnings, ignored=told.ignored
     )
+
+
+def _store_file(connection: Connection, job: JobRecord, file: JobFile) -> JobRecord | None:
+    rows.get_shape(connection, job.shape_id or "")  # it may have been removed meanwhile
+    return queue.finish(connection, job.id, "succeeded", shape_id=job.shape_id, file=file)
 
 
 def _store_shape(connection: Connection, job: JobRecord, outcome: Outcome) -> JobRecord | None:

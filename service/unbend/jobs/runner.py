@@ -9,11 +9,18 @@ from contextvars import copy_context
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Literal, TypeVar, get_args
 
 from sqlalchemy import Connection
 
-from unbend.errors import IdempotencyError, JobCancelledError, JobTimeoutError, QueueFullError, QuotaError
+from unbend.errors import (
+    CallTimeoutError,
+    IdempotencyError,
+    JobCancelledError,
+    JobTimeoutError,
+    QueueFullError,
+    QuotaError,
+)
 from unbend.jobs.dispatcher import Dispatcher, what_was_sent
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
@@ -24,7 +31,7 @@ from unbend.library import Library, queue
 from unbend.library import shapes as rows
 from unbend.library.key import UploadKey
 from unbend.library.queue import NOBODY, JobFilter, Sender
-from unbend.library.records import JobKind, JobPage, JobRecord
+from unbend.library.records import JobFile, JobKind, JobPage, JobRecord, ShapeRecord
 from unbend.library.writer import Writer
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
@@ -46,6 +53,25 @@ class Upload:
     file_type: str
     parameters: Parameters
     policy: MeshPolicy
+
+
+Lane = Literal["small", "large"]
+
+
+@dataclass
+class _Lane:
+    pool: WorkerPool
+    calls: int = 0
+
+
+@dataclass(frozen=True)
+class WantedFile:
+    """A file to make of a stored shape: which call of `FILE_CALLS`, its arguments, and what the file is called."""
+
+    call: str
+    arguments: Mapping[str, Any]
+    file_type: str
+    name: str
 
 
 @dataclass(frozen=True)
@@ -79,9 +105,9 @@ class JobRunner:
         self._news = News()
         self._writer = Writer(library.store)
         self._pool = WorkerPool(workers, self.limits.memory_mb)
-        # A process of its own for what somebody waits for, so that no reader waits for jobs; started when first needed.
-        self._aside = WorkerPool(1, self.limits.memory_mb)
-        self._calls = 0
+        # Processes of their own for what somebody waits for, so that no reader waits for jobs, and nobody who asks for
+        # little waits for those who ask for much; each is started when first needed.
+        self._lanes = {lane: _Lane(WorkerPool(1, self.limits.memory_mb)) for lane in get_args(Lane)}
         self._observer: JobObserver = observer or NoObserver()
         self._dispatcher = Dispatcher(library, self._writer, self._pool, self.limits, self._observer, self._news)
         self._warming: asyncio.Task[None] | None = None
@@ -99,8 +125,9 @@ class JobRunner:
             self._warming.cancel()
             await asyncio.gather(self._warming, return_exceptions=True)
         await self._dispatcher.stop()
-        for end in (self._pool.stop, self._aside.stop, self._writer.close):
-            await asyncio.to_thread(end)
+        for pool in (self._pool, *(lane.pool for lane in self._lanes.values())):
+            await asyncio.to_thread(pool.stop)
+        await asyncio.to_thread(self._writer.close)
 
     def hurry(self) -> None:
         """Have a `stop` that is under way give running jobs no more time; safe to call from a signal handler."""
@@ -216,28 +243,67 @@ class JobRunner:
                 listener.listen_anew()
                 job = await self.status(job_id) if changed else self._live(job)
 
-    async def call(self, function: Callable[..., T], *arguments: object) -> T:
+    async def call(self, function: Callable[..., T], *arguments: object, lane: Lane = "small") -> T:
         """Run a function on stored data in a process, past the queue, while somebody waits for it.
+
+        Parameters
+        ----------
+        function, arguments
+            They travel to the process, and the result back.
+        lane : "small" or "large", default "small"
+            Each has a process of its own, so that what takes long holds up only what takes long.
 
         Raises
         ------
         QueueFullError
-            If `limits.calls` wait already.
+            If `limits.calls` wait in this lane already.
         UnbendError
             As the function does, or as a job would fail; JobTimeoutError after `limits.call_seconds`.
         """
-        if self._calls >= self.limits.calls:
-            raise QueueFullError(f"{self._calls} others wait for such an answer already")
-        self._calls += 1
+        chosen = self._lanes[lane]
+        if chosen.calls >= self.limits.calls:
+            raise QueueFullError(f"{chosen.calls} others wait for such an answer already")
+        chosen.calls += 1
         try:
             async with asyncio.timeout(self.limits.call_seconds):
-                return await self._aside.call(function, arguments, self.limits.call_seconds)
+                return await chosen.pool.call(function, arguments, self.limits.call_seconds)
         except TimeoutError:
-            raise JobTimeoutError(f"this took longer than {self.limits.call_seconds:g} seconds") from None
+            raise CallTimeoutError(f"this took longer than {self.limits.call_seconds:g} seconds") from None
+        except JobTimeoutError as error:
+            raise CallTimeoutError(str(error)) from None
         except Exception as error:
             raise typed_error(error) from error
         finally:
-            self._calls -= 1
+            chosen.calls -= 1
+
+    async def submit_file(self, shape: ShapeRecord, wanted: WantedFile, sender: Sender = NOBODY) -> JobRecord:
+        """Queue the making of a file of a stored shape; `file` has it once the job has succeeded."""
+        key = UploadKey(shape.sha256, Parameters.from_dict(shape.parameters).to_json(), _text(shape.policy))
+        request = {**vars(wanted), "arguments": dict(wanted.arguments)}
+
+        def enqueue(connection: Connection) -> JobRecord:
+            rows.get_shape(connection, shape.id)
+            waiting = queue.count_queued(connection)
+            if waiting >= self.limits.queued:
+                raise QueueFullError(f"{waiting} jobs wait already")
+            return queue.enqueue(
+                connection, kind="file", key=key, file_type=str(shape.report["file_type"]), request=request,
+                sender=sender, shape_id=shape.id,
+            )  # fmt: skip
+
+        job = await self.write(enqueue)
+        CURRENT_JOB.set(job.id)
+        self._observer.submitted(job)
+        self._dispatcher.wake()
+        return job
+
+    async def file(self, job: JobRecord) -> JobFile:
+        """Return what a job of the kind "file" made; NotFoundError where there is none."""
+        return await asyncio.to_thread(self._file, job)
+
+    def _file(self, job: JobRecord) -> JobFile:
+        with self._library.store.read() as connection:
+            return queue.get_file(connection, job)
 
     async def forget(self, before: datetime, owner: str | None = None) -> int:
         """Forget the jobs, or those of one key, that ended before; return how many."""
@@ -299,3 +365,7 @@ class JobRunner:
         if live is None:
             return job
         return dataclasses.replace(job, stage=live.stage, progress=live.share, detail=dict(live.detail))
+
+
+def _text(policy: Mapping[str, Any]) -> str:
+    return MeshPolicy.from_dict(policy).to_json()

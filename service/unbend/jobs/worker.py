@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -92,15 +93,16 @@ def compute(task: Task) -> Outcome:
     JobMemoryError
         If it asks for more memory than allowed.
     """
-    clock = StageClock()
-    try:
-        surface = _read(task.mesh, clock.begin)
-        signature = compute_signature(surface, Parameters.from_json(task.parameters), progress=clock.report, threads=1)
-    except Exception as error:
-        clock.tell()  # where it failed
-        if isinstance(error, MemoryError):
-            raise JobMemoryError("the mesh needs more memory than a job may use") from None
-        raise
+    parameters = Parameters.from_json(task.parameters)
+    with StageClock() as clock:
+        try:
+            surface = _read(task.mesh, clock.begin)
+            signature = compute_signature(surface, parameters, progress=clock.report, threads=1)
+        except Exception as error:
+            clock.tell()  # where it failed
+            if isinstance(error, MemoryError):
+                raise JobMemoryError("the mesh needs more memory than a job may use") from None
+            raise
     return Outcome(PackedSignature.of(signature), surface.area, surface.report.as_dict(), clock.seconds())
 
 
@@ -136,6 +138,46 @@ def whole_form(mesh: StoredMesh, signature: Signature, file_type: str) -> bytes:
 def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes:
     """Return a stored mesh with the texture coordinates of its flattening, as a file."""
     return export_flattening(flatten(_read(mesh), parameters, threads=1), file_type)
+
+
+@dataclass(frozen=True)
+class FileTask:
+    """A file to make of a stored mesh."""
+
+    mesh: StoredMesh
+    call: str
+    """Of `FILE_CALLS`."""
+    arguments: dict[str, Any]
+
+
+def make_file(task: FileTask) -> bytes:
+    """Make a file of a stored mesh, as a job."""
+    with StageClock() as clock:
+        clock.begin("reading")
+        clock.tell()
+        return FILE_CALLS[task.call](task.mesh, **task.arguments)
+
+
+def _geodesics_file(mesh: StoredMesh, update: Update, source: int, target: int | None) -> bytes:
+    found = geodesics_from(mesh, update, source, target)
+    return json.dumps({"source": source, "distances": found.distances, "target": target, "path": found.path}).encode()
+
+
+def _flattening_file(mesh: StoredMesh, parameters: dict[str, Any], file_type: str) -> bytes:
+    return flattened(mesh, Parameters.from_dict(parameters), file_type)
+
+
+def _form_file(mesh: StoredMesh, shape_id: str, file_type: str) -> bytes:
+    return whole_form(mesh, _library(mesh.store_url).signature(shape_id), file_type)
+
+
+FILE_CALLS: Final[Mapping[str, Callable[..., bytes]]] = {
+    "mesh": convert,
+    "signature": _form_file,
+    "flattening": _flattening_file,
+    "geodesics": _geodesics_file,
+}
+"""What a job of the kind "file" can make."""
 
 
 def library_map(

@@ -29,7 +29,7 @@ from unbend.matching.evaluate import Evaluation, RetrievalFigures
 from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
 from unbend.matching.measures.moments import SURFACE_MOMENTS
 from unbend.mesh.policy import MeshPolicy
-from unbend.mesh.read import read_mesh
+from unbend.mesh.read import read_mesh as read_surface
 from unbend.names import MAX_TEXT, printable
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
@@ -157,7 +157,7 @@ class Library:
         if known:
             told = self.store.change(partial(rows.describe_anew, record=known, sent=sent, if_known=if_known))
             return Received(told.shape, is_new=False, ignored=told.ignored, updated=told.updated)
-        surface = read_mesh(data, file_type=path.suffix, policy=reading)
+        surface = read_surface(data, file_type=path.suffix, policy=reading)
         new = rows.NewShape(
             sha256=key.sha256,
             policy=reading,
@@ -203,6 +203,11 @@ class Library:
         """Return the file a shape was made from, byte for byte."""
         with self.store.read() as connection:
             return rows.get_mesh(connection, rows.get_shape(connection, shape_id).sha256)
+
+    def read_mesh(self, sha256: str, offset: int, size: int) -> bytes:
+        """Return some bytes of a stored file, at most `size` from `offset`; NotFoundError if it is not there."""
+        with self.store.read() as connection:
+            return rows.read_mesh_piece(connection, sha256, offset, size)
 
     def signature(self, shape_id: str) -> Signature:
         """Return a shape's signature."""

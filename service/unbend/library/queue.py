@@ -15,8 +15,8 @@ from unbend.errors import NotFoundError
 from unbend.library.answers import pack_answer, unpack_answer
 from unbend.library.erasing import mark_erased
 from unbend.library.key import UploadKey
-from unbend.library.records import JobKind, JobPage, JobRecord, JobState
-from unbend.library.schema import Instant, jobs
+from unbend.library.records import JobFile, JobKind, JobPage, JobRecord, JobState
+from unbend.library.schema import Instant, job_files, jobs
 from unbend.library.shapes import as_seq, drop_unused_mesh
 
 Lost = Literal["worker", "server", "nothing"]
@@ -98,16 +98,17 @@ def enqueue(
     key: UploadKey,
     file_type: str,
     request: dict[str, Any],
-    sender: Sender = Sender(),
+    sender: Sender = NOBODY,
+    shape_id: str | None = None,
 ) -> JobRecord:
-    """Append a job whose mesh is stored already."""
+    """Append a job whose mesh is stored already; of one that makes a file, of which shape."""
     row = connection.execute(
         _ENQUEUE,
         {
             "id": uuid.uuid4().hex, "kind": kind, "state": "queued", "stage": "queued", "progress": 0.0,
             "attempts": 0, "restarts": 0, "mesh_sha256": key.sha256, "file_type": file_type,
             "parameters": key.parameters, "policy": key.policy, "request": request, "created_at": datetime.now(UTC),
-            **vars(sender),
+            "shape_id": shape_id, **vars(sender),
         },
     ).one()  # fmt: skip
     return _record(row)
@@ -264,6 +265,7 @@ def finish(
     shape_id: str | None = None,
     warnings: Sequence[str] = (),
     ignored: Sequence[str] = (),
+    file: JobFile | None = None,
     reached: dict[str, Any] | None = None,
 ) -> JobRecord | None:
     """End an unfinished job and forget its mesh if nothing else needs it; None if it had ended before."""
@@ -280,9 +282,27 @@ def finish(
     row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
     if row is None:
         return None
+    if file is not None:
+        connection.execute(insert(job_files).values(job_seq=row.seq, **vars(file)))
     if shape_id is None:  # a shape needs it
         drop_unused_mesh(connection, row.mesh_sha256)
     return _record(row, unpack_answer(connection, row.result))
+
+
+def get_file(connection: Connection, job: JobRecord) -> JobFile:
+    """Return what a job made; NotFoundError if it makes no file, has not ended, or ended more than a day ago."""
+    wanted = select(job_files.c.file_type, job_files.c.name, job_files.c.data).where(job_files.c.job_seq == job.seq)
+    row = connection.execute(wanted).one_or_none()
+    if row is None:
+        raise NotFoundError(f"there is no file of job {job.id}, or not any more: files are kept for a day")
+    return JobFile(**row._asdict())
+
+
+def forget_files(connection: Connection, before: datetime) -> None:
+    """Remove what jobs made that ended before an instant."""
+    ended = select(jobs.c.seq).where(jobs.c.finished_at < before)
+    if connection.execute(delete(job_files).where(job_files.c.job_seq.in_(ended))).rowcount:
+        mark_erased(connection, "soon")
 
 
 def running_jobs(connection: Connection) -> list[JobRecord]:

@@ -7,7 +7,8 @@ from datetime import datetime
 from typing import Any, Literal
 
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-JobKind = Literal["shape", "query"]
+JobKind = Literal["shape", "query", "file"]
+"""An upload, a query, or a file that is made of a stored shape."""
 
 
 @dataclass(frozen=True)
@@ -99,3 +100,12 @@ class JobPage:
 
     items: list[JobRecord]
     next_cursor: str | None
+
+
+@dataclass(frozen=True)
+class JobFile:
+    """What a job of the kind "file" made."""
+
+    file_type: str
+    name: str
+    data: bytes

@@ -155,6 +155,16 @@ jobs = Table(
     comment="The queue and its history.",
 )
 
+job_files = Table(
+    "job_files",
+    metadata,
+    Column("job_seq", ForeignKey("jobs.seq", ondelete="CASCADE"), primary_key=True),
+    Column("file_type", String, nullable=False),
+    Column("name", String, nullable=False),
+    Column("data", LargeBinary, nullable=False),
+    comment="What jobs of the kind file made; kept for a day.",
+)
+
 library_state = Table(
     "library_state",
     metadata,

@@ -18,7 +18,7 @@ from unbend.library.erasing import mark_erased
 from unbend.library.key import UploadKey
 from unbend.library.payload import PackedSignature
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
-from unbend.library.schema import descriptors, jobs, library_state, meshes, removals, shapes, signatures
+from unbend.library.schema import descriptors, job_files, jobs, library_state, meshes, removals, shapes, signatures
 from unbend.library.values import read_metadata
 from unbend.mesh.policy import MeshPolicy
 
@@ -98,6 +98,29 @@ def get_mesh(connection: Connection, sha256: str) -> bytes:
     if data is None:
         raise NotFoundError(f"no mesh {sha256}")
     return bytes(data)
+
+
+def read_mesh_piece(connection: Connection, sha256: str, offset: int, size: int) -> bytes:
+    """Return at most `size` of a file's bytes from `offset`; SQLite does not load the others."""
+    if connection.dialect.name != "sqlite":
+        wanted = select(func.substr(meshes.c.data, offset + 1, size)).where(meshes.c.sha256 == sha256)
+        piece = connection.scalar(wanted)
+    else:
+        piece = _blob_piece(connection, sha256, offset, size)
+    if not piece:
+        raise NotFoundError(f"no mesh {sha256}")
+    return bytes(piece)
+
+
+def _blob_piece(connection: Connection, sha256: str, offset: int, size: int) -> bytes | None:
+    row = connection.exec_driver_sql("SELECT rowid FROM meshes WHERE sha256 = ?", (sha256,)).one_or_none()
+    if row is None:
+        return None
+    driver: Any = connection.connection.dbapi_connection
+    with driver.blobopen("meshes", "data", row[0], readonly=True) as blob:
+        blob.seek(offset)
+        piece: bytes = blob.read(size)
+        return piece
 
 
 def drop_unused_mesh(connection: Connection, sha256: str) -> None:
@@ -257,6 +280,8 @@ def remove_shape(connection: Connection, shape_id: str, expected: Collection[int
     connection.execute(delete(shapes).where(shapes.c.id == shape_id))
     connection.execute(delete(signatures).where(signatures.c.id == signature_id))
     connection.execute(update(jobs).where(jobs.c.shape_id == shape_id).values(warnings=[]))
+    made = select(jobs.c.seq).where(jobs.c.shape_id == shape_id)
+    connection.execute(delete(job_files).where(job_files.c.job_seq.in_(made)))
     forget_label(connection, record.label)
     drop_unused_mesh(connection, record.sha256)
     mark_erased(connection, "now")

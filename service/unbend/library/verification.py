@@ -140,7 +140,7 @@ def _check_shape(_connection: sqlite3.Connection, row: Row) -> None:
 def _check_job(_connection: sqlite3.Connection, row: Row) -> None:
     _must(bool(_ID.fullmatch(row["id"])), "an id of another form")
     _must(row["state"] in _STATES, "a state that there is not")
-    _must(row["kind"] in {"shape", "query"}, "a kind that there is not")
+    _must(row["kind"] in {"shape", "query", "file"}, "a kind that there is not")
     _must(0.0 <= row["progress"] <= 1.0, "a progress beyond its bounds")
     _must(row["mesh_sha256"] is not None or row["state"] not in {"queued", "running"}, "no mesh, though it waits")
     _object(row["request"], "request")

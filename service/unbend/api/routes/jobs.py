@@ -9,8 +9,10 @@ from pydantic import AwareDatetime
 
 from unbend.api.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
 from unbend.api.fields import Id, JobId
+from unbend.api.headers import DISPOSITION
 from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Forgotten, Job, JobList, JobSummary
+from unbend.api.negotiation import file_response
 from unbend.api.problems import problem_responses
 from unbend.api.senders import must_see, owner_of
 from unbend.api.service import Service, ServiceDependency
@@ -33,7 +35,7 @@ async def list_jobs(
     service: ServiceDependency,
     request: Request,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
-    kind: Annotated[JobKind | None, Query(description="Only uploads, or only queries.")] = None,
+    kind: Annotated[JobKind | None, Query(description="Only jobs of this kind.")] = None,
     shape_id: Annotated[Id | None, Query(description="Only uploads that became this shape.")] = None,
     cursor: Annotated[
         str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
@@ -109,6 +111,21 @@ async def follow_job(
     service.waits.check()
     followed = service.metrics.counted_stream(events(service.runner, job_id, last))
     return EventStream(service.waits.stream(followed), headers=HEADERS)
+
+
+@router.get(
+    "/{job_id}/file",
+    response_class=Response,
+    responses={
+        200: {"description": "The file.", "headers": DISPOSITION, "content": {"application/octet-stream": {}}},
+        **problem_responses(404, 422),
+    },
+)
+async def get_job_file(service: ServiceDependency, request: Request, job_id: JobId) -> Response:
+    """Download what a job of the kind `file` made; it is kept for a day."""
+    job = must_see(request, await service.runner.status(job_id))
+    made = await service.runner.file(job)
+    return file_response(made.data, made.file_type, made.name)
 
 
 @router.delete(

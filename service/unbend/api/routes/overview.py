@@ -46,7 +46,9 @@ async def get_map(
 ) -> ShapeMap:
     """Place the stored shapes so that those alike are near each other: by their signatures, and as they stand."""
     chosen, wanted = _measure(measure), _parameters(parameters)
-    found = await service.runner.call(library_map, service.library.store.url, chosen, wanted, dimensions, limit)
+    found = await service.runner.call(
+        library_map, service.library.store.url, chosen, wanted, dimensions, limit, lane="large"
+    )
     return ShapeMap.model_validate(found)
 
 
@@ -56,7 +58,7 @@ async def get_evaluation(
 ) -> EvaluationResult:
     """Ask every labelled shape of all others, and say how often and how early they find their class."""
     chosen, wanted = _measure(measure), _parameters(parameters)
-    found = await service.runner.call(library_evaluation, service.library.store.url, chosen, wanted)
+    found = await service.runner.call(library_evaluation, service.library.store.url, chosen, wanted, lane="large")
     return EvaluationResult.model_validate({"measure": measure, **found})
 
 

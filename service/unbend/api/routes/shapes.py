@@ -13,18 +13,30 @@ from sqlalchemy import Connection
 
 from unbend.api.conditions import etag_of, expected_revisions, is_known
 from unbend.api.fields import FILE, FILE_ENCODING, MetadataText, ParametersText, PolicyText, ShapeId
+from unbend.api.files import send_file
 from unbend.api.headers import DISPOSITION, ETAG, LOCATION
 from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Descriptors, Distances, Job, KnownShape, Shape, ShapeChanges, ShapePage
-from unbend.api.negotiation import MEDIA_TYPES, Format, TextureFormat, choose_format, file_response, sends
+from unbend.api.negotiation import (
+    MEDIA_TYPES,
+    Format,
+    TextureFormat,
+    choose_format,
+    file_headers,
+    file_response,
+    sends,
+    wants_job,
+)
 from unbend.api.problems import problem_responses
 from unbend.api.senders import IdempotencyKey, key_of, sender_of
 from unbend.api.service import Service, ServiceDependency, service_of
 from unbend.api.strictness import refuse_others
 from unbend.api.uploads import name_of, parse_metadata, read_upload
 from unbend.geodesics.distances import Update
+from unbend.jobs.runner import Lane, WantedFile
 from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
 from unbend.library import shapes as rows
+from unbend.library.queue import Sender
 from unbend.library.records import ShapeRecord
 from unbend.library.shapes import IfKnown
 from unbend.library.values import check_changes
@@ -40,6 +52,15 @@ IfMatch = Annotated[
 ]
 
 
+_SMALL_FILE: Final = 2**21
+"""Bytes of a mesh that is converted, or measured, in seconds."""
+
+_AS_JOB: Final[dict[str, Any]] = {
+    "model": Job,
+    "description": "With `Prefer: respond-async`: the job that makes it, which `/jobs/{job_id}/file` then has.",
+    "headers": LOCATION,
+}
+
 _FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy", "if_known"})
 """Of the form of an upload."""
 
@@ -51,7 +72,7 @@ def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
         "headers": DISPOSITION,
     }
     described["content"]["application/json"] = {"schema": {"type": "object"}}
-    return {200: described, **problem_responses(404, 406, 422, 504, 507)}
+    return {200: described, 202: _AS_JOB, **problem_responses(404, 406, 422, 429, 504, 507)}
 
 
 @router.post(
@@ -190,20 +211,35 @@ async def remove_shape(
     await service.runner.write(partial(rows.remove_shape, shape_id=shape_id, expected=expected))
 
 
-@router.get("/{shape_id}/mesh", response_class=Response, responses=_file_responses(*MEDIA_TYPES))
+@router.get(
+    "/{shape_id}/mesh",
+    response_class=Response,
+    responses=_file_responses(*MEDIA_TYPES)
+    | {
+        206: {"description": "The range that `Range` asks for, of the file as it was uploaded."},
+        304: {"description": "`If-None-Match` has the ETag of the file as it was uploaded."},
+        **problem_responses(416),
+    },
+)
 async def get_mesh(
     service: ServiceDependency,
     request: Request,
     shape_id: ShapeId,
     format: Format | None = None,  # noqa: A002
 ) -> Response:
-    """Download the mesh: byte for byte as it was uploaded, or as it was read, converted to `format`."""
+    """Download the mesh: byte for byte as it was uploaded, or as it was read, converted to `format`.
+
+    Of the file as it was uploaded a single `Range` is answered, and its ETag stays as long as the shape.
+    """
     record = await asyncio.to_thread(service.library.get, shape_id)
     stored = str(record.report["file_type"])
     wanted = choose_format(request, format, stored)
     if wanted == stored:
-        return file_response(await asyncio.to_thread(service.library.mesh, shape_id), stored, record.name)
-    data = await service.runner.call(convert, _stored(service, record), wanted)
+        read = partial(service.library.read_mesh, record.sha256)
+        return send_file(request, read, record.size, record.sha256, file_headers(stored, record.name))
+    if wants_job(request):
+        return await _as_job(service, request, record, WantedFile("mesh", {"file_type": wanted}, wanted, record.name))
+    data = await service.runner.call(convert, _stored(service, record), wanted, lane=_lane(record))
     return file_response(data, wanted, record.name)
 
 
@@ -218,9 +254,14 @@ async def get_signature(
     """Download the signature: everything as json (the default) or npz, or its surface as ply, obj, off or glb."""
     record = await asyncio.to_thread(service.library.get, shape_id)
     wanted = choose_format(request, format, "json")
+    if whole and wants_job(request):
+        arguments = {"shape_id": shape_id, "file_type": wanted}
+        return await _as_job(
+            service, request, record, WantedFile("signature", arguments, wanted, f"{record.name}-form")
+        )
     signature = await asyncio.to_thread(service.library.signature, shape_id)
     if whole:
-        data = await service.runner.call(whole_form, _stored(service, record), signature, wanted)
+        data = await service.runner.call(whole_form, _stored(service, record), signature, wanted, lane="large")
     else:
         data = await asyncio.to_thread(export_signature, signature, wanted)
     return file_response(data, wanted, f"{record.name}-{'form' if whole else 'signature'}")
@@ -236,8 +277,13 @@ async def get_flattening(
     """Download the mesh with texture coordinates: its canonical form in the plane, as obj (the default) or glb."""
     record = await asyncio.to_thread(service.library.get, shape_id)
     wanted = choose_format(request, format, "obj", get_args(TextureFormat))
+    if wants_job(request):
+        arguments = {"parameters": record.parameters, "file_type": wanted}
+        return await _as_job(
+            service, request, record, WantedFile("flattening", arguments, wanted, f"{record.name}-flattened")
+        )
     parameters = Parameters.from_dict(record.parameters)
-    data = await service.runner.call(flattened, _stored(service, record), parameters, wanted)
+    data = await service.runner.call(flattened, _stored(service, record), parameters, wanted, lane="large")
     return file_response(data, wanted, f"{record.name}-flattened")
 
 
@@ -248,19 +294,42 @@ def get_descriptors(service: ServiceDependency, shape_id: ShapeId) -> Descriptor
     return Descriptors(descriptors={name: vector.tolist() for name, vector in signature.descriptors.items()})
 
 
-@router.get("/{shape_id}/geodesics", responses=problem_responses(404, 409, 422, 504, 507))
+@router.get(
+    "/{shape_id}/geodesics",
+    response_model=Distances,
+    responses={202: _AS_JOB, **problem_responses(404, 409, 422, 429, 504, 507)},
+)
 async def get_geodesics(
     service: ServiceDependency,
+    request: Request,
     shape_id: ShapeId,
     source: Annotated[int, Query(ge=0, le=2**31 - 1, description="A vertex of the file, counted from 0.")],
     target: Annotated[int | None, Query(ge=0, le=2**31 - 1, description="A vertex to find the path to.")] = None,
     update: Annotated[Update, Query(description="How fast marching crosses a triangle.")] = "spherical",
-) -> Distances:
+) -> Any:
     """Return the geodesic distances from one vertex to all, and the minimal path to `target`."""
-    stored = _stored(service, await asyncio.to_thread(service.library.get, shape_id))
-    found = await service.runner.call(geodesics_from, stored, update, source, target)
+    record = await asyncio.to_thread(service.library.get, shape_id)
+    if wants_job(request):
+        arguments = {"update": update, "source": source, "target": target}
+        wanted = WantedFile("geodesics", arguments, "json", f"{record.name}-geodesics-{source}")
+        return await _as_job(service, request, record, wanted)
+    stored = _stored(service, record)
+    found = await service.runner.call(geodesics_from, stored, update, source, target, lane=_lane(record))
     path: Any = found.path
     return Distances(source=source, distances=found.distances, target=target, path=path)
+
+
+def _lane(record: ShapeRecord) -> Lane:
+    return "large" if record.size > _SMALL_FILE else "small"
+
+
+async def _as_job(service: Service, request: Request, record: ShapeRecord, wanted: WantedFile) -> Response:
+    """Answer with the job that makes a file."""
+    key = key_of(request)
+    made = await service.runner.submit_file(record, wanted, Sender(key.id if key else None))
+    job = Job.of(made, await service.runner.position(made))
+    headers = {"Location": f"/v1/jobs/{job.id}", "Preference-Applied": "respond-async"}
+    return JSONResponse(job.model_dump(mode="json"), 202, headers)
 
 
 def _stored(service: Service, record: ShapeRecord) -> StoredMesh:

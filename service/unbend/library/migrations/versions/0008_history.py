@@ -30,6 +30,16 @@ def upgrade() -> None:
         comment="Classes that stored answers name; each goes with its last member.",
         sqlite_autoincrement=True,
     )
+    op.create_table(
+        "job_files",
+        sa.Column("job_seq", sa.Integer(), nullable=False),
+        sa.Column("file_type", sa.String(), nullable=False),
+        sa.Column("name", sa.String(), nullable=False),
+        sa.Column("data", sa.LargeBinary(), nullable=False),
+        sa.ForeignKeyConstraint(["job_seq"], ["jobs.seq"], name=op.f("fk_job_files_job_seq"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("job_seq", name=op.f("pk_job_files")),
+        comment="What jobs of the kind file made; kept for a day.",
+    )
     op.create_index(op.f("ix_jobs_shape_id"), "jobs", ["shape_id"])
     op.create_index(op.f("ix_jobs_finished_at"), "jobs", ["finished_at"])
     op.add_column("jobs", sa.Column("owner", sa.String(12)))
@@ -92,4 +102,5 @@ def downgrade() -> None:
     op.drop_column("shapes", "updated_at")
     op.drop_index(op.f("ix_jobs_finished_at"), "jobs")
     op.drop_index(op.f("ix_jobs_shape_id"), "jobs")
+    op.drop_table("job_files")
     op.drop_table("labels")

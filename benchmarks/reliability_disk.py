@@ -22,13 +22,16 @@ sys.path.append(str(ROOT / "tests"))
 
 from disk import small_disk
 from reliability_kills import Report, progress
-from server import Server, small_mesh
+from server import Server
+from unbend.mesh.shapes import torus
+from unbend.mesh.write import write_mesh
 
 DISK_MB: Final = 160
 SETTINGS: Final = {"max_upload_mb": 16, "reserve_mb": 24, "max_queued": 200}
 SMALL: Final = 6
 LARGE: Final = 3
 LARGE_BYTES: Final = 8 * 2**20
+RING: Final = write_mesh(torus(columns=10, rows=6).vertices, torus(columns=10, rows=6).faces, "off")
 REMOVED: Final = 0.5
 """Shapes of a large uploader that it removes when the disk is full."""
 
@@ -50,8 +53,10 @@ class Uploader:
         with httpx.Client(base_url=url, timeout=90.0) as http:
             while time.monotonic() < end:
                 sent += 1
-                data = small_mesh(10_000 * self.number + sent) + b"\n" + chance.randbytes(8).hex().encode() * self.extra
-                form = {"files": {"file": ("m.ply", data)}, "data": {"parameters": '{"samples": 40}'}}
+                data = (
+                    RING + b"# %d %d " % (self.number, sent) + chance.randbytes(8).hex().encode() * self.extra + b"\n"
+                )
+                form = {"files": {"file": ("m.off", data)}, "data": {"parameters": '{"samples": 40}'}}
                 response = http.post("/v1/shapes", **form)
                 code = response.json().get("code", "") if response.status_code >= 400 else ""
                 self.answers[f"{response.status_code} {code}".strip()] += 1
@@ -103,9 +108,9 @@ def fill_disk(seconds: float, seed: int) -> Report:
         ["seconds until the server ended", f"{took:.1f}"],
     ]
     text = (
-        f"For {seconds:g} s {SMALL} clients uploaded small meshes and {LARGE} meshes of {LARGE_BYTES // 2**20} MB to a server "
-        f"(seed {seed}) whose library is on a disk of {DISK_MB} MB; when it was full, the latter removed some of theirs.\n\n"
-        + table(["", ""], rows)
+        f"For {seconds:g} s (seed {seed}) {SMALL} clients uploaded small meshes and {LARGE} meshes of "
+        f"{LARGE_BYTES // 2**20} MB to a server whose library is on a disk of {DISK_MB} MB. Where it was full, the "
+        "latter removed some of theirs.\n\n" + table(["", ""], rows)
     )
     return Report(text, faults)
 

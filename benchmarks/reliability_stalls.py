@@ -67,8 +67,8 @@ def stall(seed: int) -> Report:
     faults += [f"memory: {before:.0f} MB before, {after:.0f} MB a minute after"] * (after > BACK * before)
     told = [[name, f"{took:.3f}", f"{lasted:.1f}"] for name, (took, lasted) in longest.items()]
     text = (
-        f"A server with 2 workers, {SHAPES:,} shapes and {JOBS:,} jobs of history; `/v1/livez` was asked a hundred times a "
-        "second beside each of these.\n\n"
+        f"A server with 2 workers, {SHAPES:,} shapes and {JOBS:,} jobs of history. `/v1/livez` was asked a hundred "
+        "times a second beside each of these.\n\n"
         + table(["asked beside it", "longest answer of the probe, s", "lasted, s"], told)
         + f"\n\nMemory of the server: {before:.0f} MB before, {most:.0f} MB at most, {after:.0f} MB a minute after."
     )
@@ -102,9 +102,9 @@ def _add(connection: Connection, packed: PackedSignature, data: bytes, label: st
         for name, vector in packed.vectors.items()
     }
     new = rows.NewShape(
-        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), area=1.0, report={"file_type": "off"}, name="shape",
-        signature=PackedSignature(packed.parameters, packed.version, packed.stress, packed.payload, vectors), label=label,
-        metadata={},
+        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(), area=1.0, report={"file_type": "off"},
+        signature=PackedSignature(packed.parameters, packed.version, packed.stress, packed.payload, vectors),
+        name="shape", label=label, metadata={},
     )  # fmt: skip
     rows.put_mesh(connection, new.sha256, data)
     return rows.add_shape(connection, new)

@@ -16,6 +16,7 @@ from unbend import __version__
 from unbend.api import problems
 from unbend.api.access import Access
 from unbend.api.audit import Audit
+from unbend.api.backups import ScheduledBackups
 from unbend.api.budget import AnswerBudget
 from unbend.api.compression import Compression
 from unbend.api.headers import SecurityHeaders
@@ -23,8 +24,9 @@ from unbend.api.limits import BodyLimit, Framing
 from unbend.api.methods import Methods
 from unbend.api.metrics import Metrics
 from unbend.api.openapi import install_schema
+from unbend.api.prefix import ASSETS, Prefix
 from unbend.api.requests import PREFIX, Requests
-from unbend.api.routes import health, jobs, overview, queries, shapes
+from unbend.api.routes import backups, health, jobs, overview, queries, shapes
 from unbend.api.service import Service
 from unbend.api.settings import Settings
 from unbend.api.strictness import no_other_parameters
@@ -70,10 +72,15 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         library.store.reserve(chosen.reserve_bytes)
         runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
         app.state.service = Service(chosen, library, runner, metrics, Waits(chosen.max_waiting))
+        scheduled = ScheduledBackups(library, chosen.backup_plan, metrics) if chosen.backup_plan else None
         await runner.start()
+        if scheduled:
+            scheduled.start()
         try:
             yield
         finally:
+            if scheduled:
+                await scheduled.stop()
             await runner.stop()
             library.close()
             held.close()
@@ -81,10 +88,10 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
                 await asyncio.to_thread(traces.close)
 
     app = FastAPIOffline(
-        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url="/docs-assets",
+        title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url=ASSETS,
         redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
     )  # fmt: skip
-    for room in (shapes, jobs, queries, overview, health):
+    for room in (shapes, jobs, queries, overview, backups, health):
         app.include_router(room.router, prefix=PREFIX, dependencies=[Depends(no_other_parameters)])
     app.add_api_route("/", _to_docs, include_in_schema=False)
     _add_middleware(app, chosen, metrics, traces)
@@ -116,6 +123,8 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
 
         app.add_middleware(TracedRequests, traces=traces)
     app.add_middleware(Requests, metrics=metrics)
+    if settings.root_path:
+        app.add_middleware(Prefix, prefix=settings.root_path)
 
 
 def _open_traces(endpoint: str) -> Traces | None:

@@ -35,6 +35,8 @@ class Metrics(NoObserver):
         self._streams = Gauge("unbend_event_streams", "Open streams of job events", registry=registry)
         self._writable = Gauge("unbend_library_writable", "1 where uploads can be stored, else 0", registry=registry)
         self._free = Gauge("unbend_disk_free_bytes", "Free bytes of a disk", ["disk"], registry=registry)
+        self._backup = Gauge("unbend_backup_timestamp_seconds", "When the last backup was made", registry=registry)
+        self._backup_failures = Counter("unbend_backup_failures", "Backups that could not be made", registry=registry)
         self._jobs = Counter(
             "unbend_jobs", "Jobs that ended here; code: of the error", ["kind", "outcome", "code"], registry=registry
         )
@@ -67,6 +69,14 @@ class Metrics(NoObserver):
         """Note the stages of a computation."""
         for stage, taken in seconds.items():
             self._stage_seconds.labels(stage).observe(taken)
+
+    def backed_up(self, at: float) -> None:
+        """Note when the last backup was made, in seconds since 1970; 0 for never."""
+        self._backup.set(at)
+
+    def backup_failed(self) -> None:
+        """Count a backup that could not be made."""
+        self._backup_failures.inc()
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """Note an answer; `route` is the template of its path."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import asyncio
+from dataclasses import dataclass, field
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
@@ -23,6 +24,8 @@ class Service:
     runner: JobRunner
     metrics: Metrics
     waits: Waits
+    backing_up: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while a backup is made for somebody who waits for it."""
 
 
 def service_of(request: Request) -> Service:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from ipaddress import ip_network
+from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -11,6 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from unbend.api.backups import BackupPlan
 from unbend.api.connections import ConnectionLimits
 from unbend.api.limits import BodyLimits
 from unbend.api.logs import LogFormat
@@ -21,6 +23,8 @@ from unbend.threads import available_cores
 PREFIX: Final = "UNBEND_"
 
 _ORIGIN: Final = re.compile(r"(https?)://([a-z0-9._-]+|\[[0-9a-f:.]+\])(?::([1-9][0-9]{0,4}))?")
+_ROOT: Final = re.compile(r"(/[A-Za-z0-9._~-]+)+")
+_OWN_PATHS: Final = (["v1"], ["docs"], ["redoc"], ["openapi.json"], ["docs-assets"])
 _STANDARD_PORTS: Final = {"http": "80", "https": "443"}
 _MOST_WORKERS: Final = 256
 _MANY: Final = 10**9
@@ -67,6 +71,9 @@ class Settings(BaseSettings):
     job_memory_mb: int = Field(
         8192, ge=1024, le=_ADDRESSES_MB, description="Megabytes of address space that a worker may use."
     )
+    backup_folder: str = Field("", description="Folder that backups are made in from time to time; none without.")
+    backup_hours: float = Field(24.0, gt=0, le=_MANY, allow_inf_nan=False, description="Hours between two backups.")
+    backup_keep: int = Field(7, ge=1, le=_MANY, description="Backups that are kept; the newest.")
     job_history: int = Field(100_000, ge=0, le=_MANY, description="Jobs that have ended and are kept; the newest.")
     job_days: float = Field(
         0.0, ge=0, le=_MANY, allow_inf_nan=False, description="Days that a job is kept after its end; 0 for no limit."
@@ -84,6 +91,7 @@ class Settings(BaseSettings):
     requests_per_minute: int = Field(
         0, ge=0, le=_MANY, description="Calls of one key, or address without; 0 for no limit."
     )
+    root_path: str = Field("", description="Path under which a proxy has the service, such as /shapes.")
     allowed_hosts: str = Field(
         "", description="Names that callers without a key may call the service by; * for all. Addresses always may."
     )
@@ -124,6 +132,15 @@ class Settings(BaseSettings):
         """The origins among the settings."""
         return _listed(self.cors_origins)
 
+    @field_validator("root_path")
+    @classmethod
+    def _check_root(cls, value: str) -> str:
+        if value and not _ROOT.fullmatch(value):
+            raise ValueError("should be a path such as /shapes, without a slash at its end")
+        if value.split("/")[1:2] in _OWN_PATHS:
+            raise ValueError(f"begins as the service's own paths do: {value!r}")
+        return value
+
     @field_validator("trusted_proxies")
     @classmethod
     def _check_proxies(cls, value: str) -> str:
@@ -136,6 +153,20 @@ class Settings(BaseSettings):
     def hosts(self) -> list[str]:
         """The names of hosts among the settings, in lower case."""
         return [name.lower() for name in _listed(self.allowed_hosts)]
+
+    @field_validator("backup_folder")
+    @classmethod
+    def _check_folder(cls, value: str) -> str:
+        if value and not Path(value).is_dir():
+            raise ValueError(f"there is no folder {value}")
+        return value
+
+    @property
+    def backup_plan(self) -> BackupPlan | None:
+        """What is backed up by itself, if anything is."""
+        if not self.backup_folder:
+            return None
+        return BackupPlan(Path(self.backup_folder), self.backup_hours, self.backup_keep)
 
     @property
     def proxies(self) -> list[str]:

@@ -120,9 +120,9 @@ def _look(server: Server, uploaders: list[Uploader]) -> tuple[int, int, Counter]
     lost = stuck = 0
     ended: Counter = Counter()
     with server.http() as http:
-        _make_room(http, uploaders)
         for uploader in uploaders:
             for job_id in uploader.jobs:
+                _make_room(http, uploaders)
                 response = http.get(f"/v1/jobs/{job_id}", params={"wait": 60})
                 if response.status_code != 200:
                     lost += 1
@@ -136,11 +136,14 @@ def _look(server: Server, uploaders: list[Uploader]) -> tuple[int, int, Counter]
 
 
 def _make_room(http: httpx.Client, uploaders: list[Uploader]) -> None:
-    """Remove large shapes until jobs go on: those that wait have no room for their results."""
-    for uploader in uploaders:
-        for job_id in uploader.jobs if uploader.extra else []:
-            if http.get("/v1/readyz").status_code == 200:
+    """Remove shapes, those of large uploaders first, until jobs go on: those that wait have no room for results."""
+    if http.get("/v1/readyz").status_code == 200:
+        return
+    for uploader in reversed(uploaders):
+        for number, job_id in enumerate(uploader.jobs):
+            if number % 20 == 19 and http.get("/v1/readyz").status_code == 200:
                 return
             shape_id = http.get(f"/v1/jobs/{job_id}").json().get("shape_id")
-            if shape_id and http.delete(f"/v1/shapes/{shape_id}").status_code == 204:
+            if shape_id and shape_id not in uploader.removed:
                 uploader.removed.add(shape_id)
+                http.delete(f"/v1/shapes/{shape_id}")

@@ -464,6 +464,8 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
         ("compare {mesh} {mesh} --dimensions 0", ["dimensions"]),
         ("query {mesh} --library {new}/a.db --max-vertices 0", ["max_vertices"]),
         ("import {folder} --library {new}/a.db --samples 3", ["samples"]),
+        ("keys list --library ~nobody-of-this-name/x.db", ["there is no such user"]),
+        ("serve --port 0 --library ~nobody-of-this-name/x.db", ["there is no such user"]),
         ("evaluate {folder} --labels {folder}/labels.csv --max-vertices 3", ["max_vertices"]),
         ("compare {mesh} {mesh} --measure volume", ["volume"]),
         ("evaluate {folder} --labels {folder}/labels.csv --measure volume", ["volume"]),

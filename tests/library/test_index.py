@@ -346,3 +346,22 @@ def test_answers_are_of_one_moment_while_threads_change_everything(path):
                 thread.result()
         for library in (one, two):
             check(library, path)
+
+
+def test_tables_that_nothing_is_in_are_not_kept_and_others_are_few(library):
+    add(library, (1.0, 2.0, 3.0))
+    index = VectorIndex()
+    with library.store.read() as connection:
+        for samples in range(100, 400):  # anybody may ask for any parameters
+            key = IndexKey(MOMENTS, Parameters(samples=samples).to_json(), ALGORITHM_VERSION)
+            assert len(index.get(connection, key).seqs) == 0
+        assert len(index) == 0
+        assert len(index.get(connection, KEY).seqs) == 1
+        assert len(index) == 1
+    for samples in range(100, 140):
+        add(library, (1.0, 2.0, 3.0), parameters=Parameters(samples=samples))
+    with library.store.read() as connection:
+        for samples in range(100, 140):
+            index.get(connection, IndexKey(MOMENTS, Parameters(samples=samples).to_json(), ALGORITHM_VERSION))
+        assert len(index) == 32
+        assert len(index.get(connection, KEY).seqs) == 1

@@ -70,7 +70,10 @@ def read_settings(options: Mapping[str, Any], path: Path | None = None) -> Setti
     ParameterError
         If a value is wrong, or a name unknown; each is called what it was called where it was given.
     """
-    file = _open(path.expanduser() if path else None)
+    try:
+        file = _open(path.expanduser() if path else None)
+    except RuntimeError:
+        raise ParameterError(f"{path}: there is no such user") from None
     if problems := [*_unknown_variables(os.environ), *_wrong_keys(file)]:
         raise ParameterError("; ".join(problems))
 
@@ -119,6 +122,10 @@ def library_problem(url: str) -> str | None:
         return _path_problem(Path(name).expanduser())
     except OSError as error:
         return f"{error.filename}: {error.strerror}"
+    except RuntimeError:
+        return f"{name}: there is no such user"
+    except ValueError:  # a NUL within
+        return f"{name!r} is no path"
 
 
 def _path_problem(path: Path) -> str | None:

@@ -46,6 +46,10 @@ class VectorIndex:
         self._lock = threading.Lock()
         self._tables: OrderedDict[IndexKey, _StoredTable] = OrderedDict()
 
+    def __len__(self) -> int:
+        """Return how many tables are kept."""
+        return len(self._tables)
+
     def get(self, connection: Connection, key: IndexKey) -> Held:
         """Return all shapes that `connection` sees under `key`.
 

@@ -1,4 +1,4 @@
-"""Who sends jobs, whose jobs they may see, and requests that are sent again under their name."""
+"""The senders of jobs: which key, whose jobs it sees, and how a repeated request is recognised."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ class Settings(BaseSettings):
 
     @property
     def backup_plan(self) -> BackupPlan | None:
-        """What is backed up by itself, if anything is."""
+        """The plan of scheduled backups; None where there are none."""
         if not self.backup_folder:
             return None
         return BackupPlan(Path(self.backup_folder), self.backup_hours, self.backup_keep)

@@ -78,7 +78,7 @@ _FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).retu
 
 @dataclass(frozen=True)
 class Sender:
-    """Who sends a job, and how it is known again where it is sent twice."""
+    """The sender of a job, and how a repeated request is recognised."""
 
     owner: str | None = None
     """A key's id; None where none is needed."""

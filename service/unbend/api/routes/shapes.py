@@ -62,7 +62,7 @@ _AS_JOB: Final[dict[str, Any]] = {
 }
 
 _FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy", "if_known"})
-"""Of the form of an upload."""
+"""The fields of an upload's form."""
 
 
 def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:

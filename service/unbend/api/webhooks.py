@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from unbend.api.access import is_loopback
+from unbend.api.addresses import is_loopback
 from unbend.errors import ParameterError, StoreError
 from unbend.jobs import JobRunner
 from unbend.library import Library, queue

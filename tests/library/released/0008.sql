@@ -13,8 +13,8 @@ CREATE TABLE api_keys (
 	revoked_at FLOAT, expires_at FLOAT, most_jobs INTEGER, 
 	CONSTRAINT pk_api_keys PRIMARY KEY (id)
 );
-INSERT INTO "api_keys" VALUES('df751d23cd5c','live','write','ccf42f3cb7038be29ae01672281e961985ba43cb6ed0d13085086e4a8058fc99',1.79570197425676488876e+09,NULL,NULL,NULL);
-INSERT INTO "api_keys" VALUES('71fa362888a0','revoked','read','c3140e30cca7dd5b1bfe6afdb86f73b783d511ad893df31fa3350d034581165e',1.79570197425782108308e+09,1.7957019742582540512e+09,NULL,NULL);
+INSERT INTO "api_keys" VALUES('b6d883eb8cf4','live','write','749893c81416b9866498af2eb6868032fa2699ff3d600532c061e0586427d294',1.79570307956239509587e+09,NULL,NULL,NULL);
+INSERT INTO "api_keys" VALUES('3f0000622217','revoked','read','81f3f9a95648ff090412151a720c8b7a91afdedfe1906041fbcdcbb546623c73',1.79570307956331610683e+09,1.79570307956367206572e+09,NULL,NULL);
 CREATE TABLE descriptors (
 	signature_id INTEGER NOT NULL, 
 	measure VARCHAR NOT NULL, 
@@ -57,17 +57,17 @@ CREATE TABLE "jobs" (
 	created_at FLOAT NOT NULL, 
 	started_at FLOAT, 
 	finished_at FLOAT, 
-	policy VARCHAR NOT NULL, warnings JSON DEFAULT '[]' NOT NULL, owner VARCHAR(12), idempotency VARCHAR(64), fingerprint VARCHAR(64), ignored JSON DEFAULT '[]' NOT NULL, 
-	CONSTRAINT fk_jobs_mesh_sha256 FOREIGN KEY(mesh_sha256) REFERENCES meshes (sha256), 
-	CONSTRAINT uq_jobs_id UNIQUE (id)
+	policy VARCHAR NOT NULL, warnings JSON DEFAULT '[]' NOT NULL, owner VARCHAR(12), idempotency VARCHAR(64), fingerprint VARCHAR(64), ignored JSON DEFAULT '[]' NOT NULL, callback VARCHAR, callback_attempts INTEGER DEFAULT '0' NOT NULL, callback_due FLOAT, 
+	CONSTRAINT uq_jobs_id UNIQUE (id), 
+	CONSTRAINT fk_jobs_mesh_sha256 FOREIGN KEY(mesh_sha256) REFERENCES meshes (sha256)
 );
-INSERT INTO "jobs" VALUES(1,'29547a95adb4408ba6b3d9ede2450896','shape','succeeded','done',1.0,1,0,'470eec7a3ecb472fb4e6ebf0899570233d0d51b41a064f1882b799450a9b39a8','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','null','null','7635b7f3478b49bda33dcb27fe7bbf91',1.79570197419840192794e+09,1.79570197420269703865e+09,1.79570197421237611771e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
-INSERT INTO "jobs" VALUES(2,'50ca24876fe14654a96bb6ca1c9d4799','query','succeeded','done',1.0,1,0,NULL,'off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','null','{"measure": "spectrum", "classes": [[1, 0.12003779411315918, 0.9999998739133188], [2, 0.853271484375, 1.2608668117292317e-07]], "shapes": [[3, 0.12003779411315918], [1, 0.853271484375]], "known": null, "warnings": []}',NULL,1.79570197421534204478e+09,1.79570197421688795089e+09,1.79570197423262190817e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
-INSERT INTO "jobs" VALUES(3,'b38441df3086471ca357ca490fb5ce00','shape','failed','starting',0.0,1,0,NULL,'off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','{"code": "mesh_read", "message": "the file ends early", "advice": "Export it again."}','null',NULL,1795701974.23908,1.79570197424055790899e+09,1.79570197424125099186e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
-INSERT INTO "jobs" VALUES(4,'fb1e107856844dcd90845af7acd860eb','query','cancelled','starting',0.0,1,0,NULL,'off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','{"code": "mesh_read", "message": "the file ends early", "advice": "Export it again."}','null',NULL,1.79570197424405193333e+09,1795701974.24534,1.795701974246035099e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
-INSERT INTO "jobs" VALUES(5,'64e611ded84a41fab70bc56c92350b03','shape','running','starting',0.0,1,0,'6b37f56dd1ebe052b43e12a6f31ceeb4c7e48ae105e69fe35684188915f982fc','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{"name": "running", "label": "octahedron", "metadata": {"t\u00e4g": [1, null]}}',NULL,NULL,NULL,1795701974.24811,1.79570197424923205372e+09,NULL,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
-INSERT INTO "jobs" VALUES(6,'d98e9a328d354df2a3a9831f3b6e9bd6','shape','queued','queued',0.0,0,0,'eb63e39a6e41a8c1bf599503b988491fd839c0b8dd3e63ecbaf77a29d1b9a417','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{"name": "waiting", "label": "octahedron", "metadata": {"t\u00e4g": [1, null]}}',NULL,NULL,NULL,1.79570197425067090983e+09,NULL,NULL,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
-INSERT INTO "jobs" VALUES(7,'c4fddc43ee4c48b88f35a3e319fc506e','query','queued','queued',0.0,0,0,'c654024173ca444cb6598cb7fc3c7e3b97f8aa7f82710324ae5de1272e8b1020','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{"measure": "spectrum", "k": 10}',NULL,NULL,NULL,1.79570197425218105319e+09,NULL,NULL,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]');
+INSERT INTO "jobs" VALUES(1,'d6cbfc5ccd3c41058c9b6040c195ea88','shape','succeeded','done',1.0,1,0,'470eec7a3ecb472fb4e6ebf0899570233d0d51b41a064f1882b799450a9b39a8','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','null','null','a99ad2d6b8fc470c8c1ac49d0c2564ac',1.79570307937790393827e+09,1.79570307939210605623e+09,1.79570307942224407192e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
+INSERT INTO "jobs" VALUES(2,'3e2104646ed949ecb2e166d59cd4c0bc','query','succeeded','done',1.0,1,0,NULL,'off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','null','{"measure": "spectrum", "classes": [[1, 0.12003779411315918, 0.9999998739133188], [2, 0.853271484375, 1.2608668117292317e-07]], "shapes": [[3, 0.12003779411315918], [1, 0.853271484375]], "known": null, "warnings": []}',NULL,1.79570307942727494239e+09,1.79570307943038105962e+09,1.79570307947707390782e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
+INSERT INTO "jobs" VALUES(3,'b0bd466383c541a8a3bc1d328055858b','shape','failed','starting',0.0,1,0,NULL,'off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','{"code": "mesh_read", "message": "the file ends early", "advice": "Export it again."}','null',NULL,1.79570307950529694553e+09,1795703079.51097,1795703079.51847,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
+INSERT INTO "jobs" VALUES(4,'c4c989dbd1f6407aaaea8240fc3653f0','query','cancelled','starting',0.0,1,0,NULL,'off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{}','{"code": "mesh_read", "message": "the file ends early", "advice": "Export it again."}','null',NULL,1.79570307952325701711e+09,1.79570307953079891204e+09,1.79570307953216290472e+09,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
+INSERT INTO "jobs" VALUES(5,'f9ad7f4ebf6140e4b27518e8d93a0666','shape','running','starting',0.0,1,0,'6b37f56dd1ebe052b43e12a6f31ceeb4c7e48ae105e69fe35684188915f982fc','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{"name": "running", "label": "octahedron", "metadata": {"t\u00e4g": [1, null]}}',NULL,NULL,NULL,1.79570307953539109232e+09,1.79570307954431200025e+09,NULL,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
+INSERT INTO "jobs" VALUES(6,'9ce28e9cd9a549968fb01cd32b5a648b','shape','queued','queued',0.0,0,0,'eb63e39a6e41a8c1bf599503b988491fd839c0b8dd3e63ecbaf77a29d1b9a417','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{"name": "waiting", "label": "octahedron", "metadata": {"t\u00e4g": [1, null]}}',NULL,NULL,NULL,1795703079.55177,NULL,NULL,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
+INSERT INTO "jobs" VALUES(7,'e9ed400087d04e9eba43f01ba83b17d4','query','queued','queued',0.0,0,0,'c654024173ca444cb6598cb7fc3c7e3b97f8aa7f82710324ae5de1272e8b1020','off','{"dimensions":3,"method":"least_squares","samples":6,"scaling":"area","update":"spherical"}','{"measure": "spectrum", "k": 10}',NULL,NULL,NULL,1.79570307955531191825e+09,NULL,NULL,'{"components":"largest","max_vertices":null,"seams":"stitch","smooth":0}','[]',NULL,NULL,NULL,'[]',NULL,0,NULL);
 CREATE TABLE labels (
 	id INTEGER NOT NULL PRIMARY KEY AUTOINCREMENT, 
 	text VARCHAR NOT NULL, 
@@ -80,7 +80,7 @@ CREATE TABLE library_state (
 	revision INTEGER NOT NULL, epoch VARCHAR(32) DEFAULT '0' NOT NULL, 
 	CONSTRAINT pk_library_state PRIMARY KEY (id)
 );
-INSERT INTO "library_state" VALUES(1,5,'ef0de5abbe9f4a03af3ce5d23149faca');
+INSERT INTO "library_state" VALUES(1,5,'46aacd1ce1644fa18485df636ff6c58a');
 CREATE TABLE meshes (
 	sha256 VARCHAR(64) NOT NULL, 
 	size INTEGER NOT NULL, 
@@ -110,8 +110,8 @@ CREATE TABLE shapes (
 	CONSTRAINT uq_shapes_id UNIQUE (id), 
 	CONSTRAINT uq_shapes_signature_id UNIQUE (signature_id)
 );
-INSERT INTO "shapes" VALUES(1,'bbe3ea13aa4a4664853698b8e3b6eb7e','flät/=1','pressed','{"seen": true}',1,1.79570197417347288126e+09,2,1.79570197417733192447e+09);
-INSERT INTO "shapes" VALUES(3,'7635b7f3478b49bda33dcb27fe7bbf91','uploaded','octahedron','{"t\u00e4g": [1, null]}',2,1.79570197421225309373e+09,0,1.79570197421225309373e+09);
+INSERT INTO "shapes" VALUES(1,'81bf69fada2f487783972d13c292dcd5','flät/=1','pressed','{"seen": true}',1,1.79570307929697394366e+09,2,1.79570307930742692949e+09);
+INSERT INTO "shapes" VALUES(3,'a99ad2d6b8fc470c8c1ac49d0c2564ac','uploaded','octahedron','{"t\u00e4g": [1, null]}',2,1795703079.42147,0,1795703079.42147);
 CREATE TABLE "signatures" (
 	id INTEGER NOT NULL, 
 	mesh_sha256 VARCHAR(64) NOT NULL, 
@@ -135,6 +135,7 @@ CREATE INDEX ix_shapes_changed ON shapes (changed);
 CREATE INDEX ix_removals_revision ON removals (revision);
 CREATE INDEX ix_jobs_shape_id ON jobs (shape_id);
 CREATE INDEX ix_jobs_finished_at ON jobs (finished_at);
+CREATE INDEX ix_jobs_callback_due ON jobs (callback_due);
 CREATE INDEX ix_jobs_state_owner_seq ON jobs (state, owner, seq);
 CREATE INDEX ix_jobs_idempotency ON jobs (idempotency);
 DELETE FROM "sqlite_sequence";

@@ -40,7 +40,7 @@ LONGEST: Final = 0.25
 """Seconds that any request may keep the probe waiting."""
 
 BACK: Final = 1.2
-"""Of the memory at the beginning, that the server may hold a minute after."""
+"""The server may hold so many times its first memory a minute after."""
 
 
 def stall(seed: int) -> Report:

@@ -18,7 +18,7 @@
     │   └── BackupError           a file is no whole library
     ├── JobError                  why a job did not give a result
     │   ├── JobTimeoutError       it ran longer than allowed
-    │   │   └── CallTimeoutError  so did what was to be answered in place
+    │   │   └── CallTimeoutError  an answer in place did
     │   ├── JobMemoryError        it asked for more memory than allowed
     │   ├── JobCancelledError     somebody cancelled it
     │   └── WorkerLostError       its process died
@@ -179,7 +179,7 @@ class JobTimeoutError(JobError):
 
 
 class CallTimeoutError(JobTimeoutError):
-    """What was to be answered in place took longer than the service allows."""
+    """An answer in place took longer than the service allows."""
 
     code = "call_timeout"
     advice = "Ask again with the header Prefer: respond-async, which makes it a job, or raise UNBEND_CALL_SECONDS."
@@ -316,7 +316,7 @@ class QueueFullError(UnbendError):
 
 
 class QuotaError(UnbendError):
-    """As many jobs of one key wait or run as it may have; try again after `retry_after` seconds."""
+    """The key has its full quota of unfinished jobs; try again after `retry_after` seconds."""
 
     code = "quota_exceeded"
     advice = "Wait until some of the key's jobs have ended, or cancel them."

@@ -21,6 +21,7 @@ OTHERS = {  # one value of each setting that is not its default
     "max_arriving_mb": 6, "transfer_seconds": 8.5, "stall_seconds": 2.5, "head_seconds": 3.5, "max_connections": 99,
     "max_waiting": 11, "max_vertices": 12, "max_faces": 13,
     "backup_folder": str(Path(__file__).parent), "backup_hours": 1.5, "backup_keep": 3,
+    "webhook_hosts": "example.org", "webhook_secret": "sixteen characters",
     "call_seconds": 6.5, "root_path": "/a/b", "job_history": 21, "job_days": 1.5,
     "reserve_mb": 30, "max_json_kb": 14, "max_answering_mb": 15,
     "trusted_proxies": "10.0.0.0/8, 127.0.0.1", "allowed_hosts": "unbend",

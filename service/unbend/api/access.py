@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from ipaddress import ip_address
+from functools import partial
 from typing import Final, Literal, cast
 
 from sqlalchemy import Connection
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from unbend.api.addresses import is_address, is_loopback
 from unbend.api.problems import respond
 from unbend.api.rate import RateLimit
 from unbend.api.requests import PREFIX
@@ -37,9 +37,6 @@ KEY: Final = "unbend.key"
 
 _FREE: Final = frozenset({f"{PREFIX}/livez", f"{PREFIX}/readyz"})
 _PORT: Final = re.compile(r":\d*$")
-_MOST_HOSTS: Final = 1024
-"""Of which it is remembered what they are: every request asks of its own, and most are the same."""
-
 _FORWARDED: Final = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-real-ip")
 """Headers by which a proxy tells for whom it calls."""
 
@@ -54,15 +51,6 @@ def is_guarded(path: str) -> bool:
 def scope_of(method: str, path: str) -> Literal["read", "write"]:
     """Return what a key must allow for this call. A query stores no shape, so it reads."""
     return "read" if method in _READING or (method, path) == ("POST", f"{PREFIX}/queries") else "write"
-
-
-@lru_cache(_MOST_HOSTS)
-def is_loopback(host: object) -> bool:
-    """Return whether an address is one that only this machine can reach."""
-    try:
-        return ip_address(str(host)).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 @dataclass(frozen=True)
@@ -136,7 +124,7 @@ class Access:
         A page at an address, or at localhost, is not another site's. With a key this is not needed: no page has it.
         """
         host = _PORT.sub("", headers.get("host", "")).strip("[]").lower()
-        known = not host or is_loopback(host) or _is_address(host) or _is_within(scope)
+        known = not host or is_loopback(host) or is_address(host) or _is_within(scope)
         if not (known or {host, "*"} & set(self._settings.hosts)):
             raise HostError(f"the service does not know itself as {host[:100]!r}")
 
@@ -165,16 +153,7 @@ def _is_local(scope: Scope, headers: Headers) -> bool:
 def _is_within(scope: Scope) -> bool:
     """Whether a call was made within the process: a server that has a name for an address listens nowhere."""
     here, _ = scope.get("server") or ("", None)
-    return bool(here) and "/" not in here and not _is_address(here)
-
-
-@lru_cache(_MOST_HOSTS)
-def _is_address(host: str) -> bool:
-    try:
-        ip_address(host)
-    except ValueError:
-        return False
-    return True
+    return bool(here) and "/" not in here and not is_address(here)
 
 
 def _token(given: str | None) -> str | None:

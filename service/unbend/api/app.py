@@ -31,6 +31,7 @@ from unbend.api.service import Service
 from unbend.api.settings import Settings
 from unbend.api.strictness import no_other_parameters
 from unbend.api.waits import Waits
+from unbend.api.webhooks import Webhooks
 from unbend.jobs import JobRunner
 from unbend.jobs.observer import Observers
 from unbend.library import Library
@@ -73,14 +74,16 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
         app.state.service = Service(chosen, library, runner, metrics, Waits(chosen.max_waiting))
         scheduled = ScheduledBackups(library, chosen.backup_plan, metrics) if chosen.backup_plan else None
+        webhooks = Webhooks(library, runner, chosen.webhook_plan) if chosen.webhook_plan else None
         await runner.start()
-        if scheduled:
-            scheduled.start()
+        aside = [each for each in (scheduled, webhooks) if each]
+        for each in aside:
+            each.start()
         try:
             yield
         finally:
-            if scheduled:
-                await scheduled.stop()
+            for each in aside:
+                await each.stop()
             await runner.stop()
             library.close()
             held.close()

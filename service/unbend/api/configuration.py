@@ -119,16 +119,18 @@ def library_problem(url: str) -> str | None:
     if name == ":memory:" or name.startswith("file:"):
         return "the processes that compute must find it in a file, by its path"
     try:
-        return _path_problem(Path(name).expanduser())
+        return _path_problem(Path(name))
     except OSError as error:
         return f"{error.filename}: {error.strerror}"
-    except RuntimeError:
-        return f"{name}: there is no such user"
     except ValueError:  # a NUL within
         return f"{name!r} is no path"
 
 
-def _path_problem(path: Path) -> str | None:
+def _path_problem(given: Path) -> str | None:
+    try:
+        path = given.expanduser()
+    except RuntimeError:
+        return f"{given}: there is no such user"
     folder = path.parent
     if path.is_dir():
         return f"{path} is a folder"

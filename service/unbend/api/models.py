@@ -136,7 +136,7 @@ class JobSummary(BaseModel):
     progress: float = Field(ge=0, le=1, examples=[0.42])
     detail: dict[str, float] = Field(
         description="What a running stage tells: `sample` of `samples`, `row` of `rows`, or `iteration` and "
-        "`stress`; and `seconds` since the job was begun, each second anew.",
+        "`stress`. `seconds` since the job was begun come each second.",
         examples=[{"row": 120, "rows": 300, "seconds": 4.2}],
     )
     position: int | None = Field(description="Jobs that wait before this one; null once it runs.")
@@ -174,9 +174,9 @@ class JobList(BaseModel):
 
 
 class Forgotten(BaseModel):
-    """What became of the history."""
+    """The answer where jobs were forgotten."""
 
-    forgotten: int = Field(description="Jobs that were there, and are no more.", examples=[1200])
+    forgotten: int = Field(description="How many jobs were forgotten.", examples=[1200])
 
 
 class ShapeQuery(BaseModel):

@@ -1,4 +1,4 @@
-"""Who sends jobs, whose jobs they may see, and requests that are sent again under their name."""
+"""The senders of jobs: which key, whose jobs it sees, and how a repeated request is recognised."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Annotated, Any, Final
 from fastapi import Header, Request
 
 from unbend.api.access import KEY
+from unbend.api.service import service_of
+from unbend.api.webhooks import check_callback
 from unbend.errors import NotFoundError, ParameterError
 from unbend.jobs import Upload
 from unbend.library.key import UploadKey
@@ -49,24 +51,27 @@ def must_see(request: Request, job: JobRecord) -> JobRecord:
     return job
 
 
-def sender_of(request: Request, kind: str, upload: Upload, asked: dict[str, Any]) -> Sender:
-    """Return who sends a job, and what it is known by if it is sent again.
+def sender_of(
+    request: Request, kind: str, upload: Upload, asked: dict[str, Any], callback: str | None = None
+) -> Sender:
+    """Return who sends a job, what it is known by if it is sent again, and who is told of its end.
 
     Raises
     ------
     ParameterError
-        If the header Idempotency-Key is not 1 to 255 visible characters of ASCII.
+        If the header Idempotency-Key is not 1 to 255 visible characters of ASCII, or the callback is refused.
     """
     key = key_of(request)
     owner = key.id if key else None
     name = request.headers.get("idempotency-key")
+    told = check_callback(callback, service_of(request).settings.webhook_plan) if callback else None
     if name is None:
-        return Sender(owner)
+        return Sender(owner, callback=told)
     if not _SANE.fullmatch(name):
         raise ParameterError("Idempotency-Key must have 1 to 255 visible characters of ASCII")
     what = UploadKey.of(upload.data, upload.parameters, upload.policy)
-    sent = [kind, what.sha256, what.parameters, what.policy, upload.file_type, asked]
-    return Sender(owner, _hash([owner, name]), _hash(sent))
+    sent = [kind, callback, what.sha256, what.parameters, what.policy, upload.file_type, asked]
+    return Sender(owner, _hash([owner, name]), _hash(sent), told)
 
 
 def _hash(value: object) -> str:

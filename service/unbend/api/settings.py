@@ -16,6 +16,7 @@ from unbend.api.backups import BackupPlan
 from unbend.api.connections import ConnectionLimits
 from unbend.api.limits import BodyLimits
 from unbend.api.logs import LogFormat
+from unbend.api.webhooks import WebhookPlan
 from unbend.jobs import JobLimits
 from unbend.mesh.limits import MeshLimits
 from unbend.threads import available_cores
@@ -29,6 +30,7 @@ _STANDARD_PORTS: Final = {"http": "80", "https": "443"}
 _MOST_WORKERS: Final = 256
 _MANY: Final = 10**9
 _ROWS_MB: Final = 16
+_SHORTEST_SECRET: Final = 16
 _ADDRESSES_MB: Final = 2**27  # all that a process of 64 bits can address
 
 
@@ -91,6 +93,8 @@ class Settings(BaseSettings):
     requests_per_minute: int = Field(
         0, ge=0, le=_MANY, description="Calls of one key, or address without; 0 for no limit."
     )
+    webhook_hosts: str = Field("", description="Hosts that are told when jobs end, with commas between; none without.")
+    webhook_secret: str = Field("", description="Secret that webhooks are signed with, 16 characters or more.")
     root_path: str = Field("", description="Path under which a proxy has the service, such as /shapes.")
     allowed_hosts: str = Field(
         "", description="Names that callers without a key may call the service by; * for all. Addresses always may."
@@ -161,9 +165,22 @@ class Settings(BaseSettings):
             raise ValueError(f"there is no folder {value}")
         return value
 
+    @field_validator("webhook_secret")
+    @classmethod
+    def _check_secret(cls, value: str, info: ValidationInfo) -> str:
+        if info.data.get("webhook_hosts") and len(value) < _SHORTEST_SECRET:
+            raise ValueError(f"should have {_SHORTEST_SECRET} characters or more where webhook_hosts names hosts")
+        return value
+
+    @property
+    def webhook_plan(self) -> WebhookPlan | None:
+        """The hosts that are told, and the secret; None where there are none."""
+        hosts = [name.lower() for name in _listed(self.webhook_hosts)]
+        return WebhookPlan(hosts, self.webhook_secret) if hosts else None
+
     @property
     def backup_plan(self) -> BackupPlan | None:
-        """What is backed up by itself, if anything is."""
+        """The plan of scheduled backups; None where there are none."""
         if not self.backup_folder:
             return None
         return BackupPlan(Path(self.backup_folder), self.backup_hours, self.backup_keep)

@@ -1,4 +1,4 @@
-"""What a call does not have is refused, and not passed over: a misspelt filter would otherwise find everything."""
+"""Unknown parameters and fields are refused: a misspelt filter would otherwise find everything."""
 
 from __future__ import annotations
 

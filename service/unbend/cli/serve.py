@@ -123,7 +123,7 @@ def _within_handles(limits: ConnectionLimits) -> tuple[ConnectionLimits, int]:
 
 def _only_this_machine(host: str) -> bool:
     """Whether every address that `host` stands for is loopback; a name that stands for none is not."""
-    from unbend.api.access import is_loopback  # noqa: PLC0415
+    from unbend.api.addresses import is_loopback  # noqa: PLC0415
 
     try:
         found = socket.getaddrinfo(host, None) if host else []

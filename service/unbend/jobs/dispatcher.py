@@ -197,7 +197,7 @@ class Dispatcher:
         with contextlib.suppress(StoreError):
             for job in await self._library.store.fetch(queue.running_jobs):
                 if job.id not in in_hand:
-                    logger.warning("job %s was in nobody's hand, and is put back", job.id)
+                    logger.warning("job %s is running in the store but not here; it is put back", job.id)
                     await self._give_back(job.id)
                     self.wake()
 
@@ -295,7 +295,7 @@ def what_was_sent(request: Mapping[str, Any]) -> tuple[dict[str, Any], rows.IfKn
 
 
 def _end_with_known(connection: Connection, job: JobRecord, key: UploadKey) -> JobRecord | None:
-    """End an upload whose shape is stored already; begin it anew if that was removed meanwhile."""
+    """End an upload whose shape is stored already; put it back if that shape was removed meanwhile."""
     known = rows.find_shape(connection, key)
     if known is None:
         queue.give_back(connection, job.id, lost="nothing")

@@ -146,7 +146,7 @@ class FileTask:
 
     mesh: StoredMesh
     call: str
-    """Of `FILE_CALLS`."""
+    """A name of `FILE_CALLS`."""
     arguments: dict[str, Any]
 
 
@@ -177,7 +177,7 @@ FILE_CALLS: Final[Mapping[str, Callable[..., bytes]]] = {
     "flattening": _flattening_file,
     "geodesics": _geodesics_file,
 }
-"""What a job of the kind "file" can make."""
+"""The functions that jobs of the kind "file" run, by name."""
 
 
 def library_map(

@@ -28,7 +28,7 @@ _BUSY_SECONDS = 30
 _UNUSED = ("freelist_count", "page_size")
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _FULL = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE", "SQLITE_IOERR_SHMMAP"})
-"""What SQLite reports of a full disk: of the file and its log, and of the index of the log."""
+"""SQLite's errors of a full disk: for the file and its log, and for the index of the log."""
 
 _TOOLS = {"postgresql": "pg_dump and pg_restore", "mysql": "mysqldump", "mariadb": "mariadb-dump"}
 

@@ -23,7 +23,7 @@ from unbend.library.schema import api_keys
 from unbend.names import MAX_TEXT
 
 Scope = Literal["read", "write", "admin"]
-"""What a key may do. "write" includes "read", and "admin" both: it also sees, and cancels, the jobs of other keys."""
+"""The rights of a key. "write" includes "read". "admin" includes both, and sees and cancels the jobs of other keys."""
 
 _PREFIX: Final = "unbend"
 _ID_BYTES: Final = 6

@@ -1,4 +1,4 @@
-"""Who runs the jobs of a library: one server at a time.
+"""The lease of a library: one server at a time runs its jobs.
 
 The lease is a lock of the system on a file beside the library. It ends with the process that holds it, however that
 ends. The library's own file is not locked: SQLite's locks and these would meet on some file systems.

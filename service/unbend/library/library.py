@@ -46,9 +46,9 @@ class Received:
     is_new: bool
     """Whether it was not stored before."""
     ignored: Sequence[str] = ()
-    """What was given, is other than what was stored before, and was not taken: of "name", "label", "metadata"."""
+    """Fields given that differ from the stored ones and were not taken: of "name", "label", "metadata"."""
     updated: Sequence[str] = ()
-    """What was given, is other than what was stored before, and was taken."""
+    """Fields given that differed from the stored ones and were taken."""
 
 
 class Library:

@@ -78,7 +78,7 @@ _FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).retu
 
 @dataclass(frozen=True)
 class Sender:
-    """Who sends a job, and how it is known again where it is sent twice."""
+    """The sender of a job, and how a repeated request is recognised."""
 
     owner: str | None = None
     """A key's id; None where none is needed."""
@@ -86,6 +86,8 @@ class Sender:
     """A hash of who sends it and of the name that they gave the request."""
     fingerprint: str | None = None
     """A hash of what was sent."""
+    callback: str | None = None
+    """An address that is to be told of the job's end."""
 
 
 NOBODY: Final = Sender()
@@ -282,11 +284,25 @@ def finish(
     row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
     if row is None:
         return None
+    if row.callback is not None:
+        note_callback(connection, job_id, attempts=0, due=values["finished_at"])
     if file is not None:
         connection.execute(insert(job_files).values(job_seq=row.seq, **vars(file)))
     if shape_id is None:  # a shape needs it
         drop_unused_mesh(connection, row.mesh_sha256)
     return _record(row, unpack_answer(connection, row.result))
+
+
+def due_callbacks(connection: Connection, now: datetime, limit: int) -> list[JobRecord]:
+    """Return ended jobs whose addresses are to be told by now, the longest due first."""
+    due = select(*_SUMMARY).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
+    return [JobRecord(**row._asdict(), result=None) for row in connection.execute(due)]
+
+
+def note_callback(connection: Connection, job_id: str, attempts: int, due: datetime | None) -> None:
+    """Note that a job's address was told, or is to be told again when `due`."""
+    changed = update(jobs).where(jobs.c.id == job_id).values(callback_attempts=attempts, callback_due=due)
+    connection.execute(changed)
 
 
 def get_file(connection: Connection, job: JobRecord) -> JobFile:

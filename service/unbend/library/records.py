@@ -85,6 +85,11 @@ class JobRecord:
     fingerprint: str | None = None
     ignored: list[str] = field(default_factory=list)
     """Fields of an upload that the stored shape did not take."""
+    callback: str | None = None
+    """The address that is told of its end."""
+    callback_attempts: int = 0
+    callback_due: datetime | None = None
+    """When that is to be tried; None before the end, and when it was told or given up."""
     detail: dict[str, float] = field(default_factory=dict)
     """What the stage tells of itself while the job runs; not stored."""
 

@@ -52,6 +52,7 @@ class FileQuery(BaseModel):
     k: int = Field(10, ge=1, le=1000, description="Shapes in the answer; all classes are.")
     parameters: ParametersText = None
     policy: PolicyText = None
+    callback: str = Field("", max_length=2000, description="An address that is told when the job ends.")
 
 
 _FILE_SCHEMA = FileQuery.model_json_schema()
@@ -121,7 +122,7 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
     _check(asked)
     upload = await read_upload(file, asked.parameters, asked.policy)
     question = {"measure": asked.measure, "classifier": asked.classifier, "k": asked.k}
-    sender, key = sender_of(request, "query", upload, question), key_of(request)
+    sender, key = sender_of(request, "query", upload, question, asked.callback), key_of(request)
     answer = await service.runner.submit("query", upload, question, sender, key.most_jobs if key else None)
     if not isinstance(answer, JobRecord):
         raise TypeError("a query does not become a shape")

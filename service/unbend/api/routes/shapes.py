@@ -61,8 +61,8 @@ _AS_JOB: Final[dict[str, Any]] = {
     "headers": LOCATION,
 }
 
-_FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy", "if_known"})
-"""Of the form of an upload."""
+_FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "policy", "if_known", "callback"})
+"""The fields of an upload's form."""
 
 
 def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
@@ -102,6 +102,7 @@ async def upload_shape(
         IfKnown,
         Form(description="Whether a shape stored already keeps its name, label and metadata, or takes those sent."),
     ] = "keep",
+    callback: Annotated[str, Form(max_length=2000, description="An address that is told when the job ends.")] = "",
     idempotency_key: IdempotencyKey = None,  # noqa: ARG001  `sender_of` reads it
 ) -> Response:
     """Store a mesh and have its signature computed.
@@ -117,7 +118,7 @@ async def upload_shape(
         "sent": [field for field, value in given.items() if value], "if_known": if_known,
     }  # fmt: skip
     upload = await read_upload(file, parameters, policy)
-    sender, key = sender_of(request, "shape", upload, described), key_of(request)
+    sender, key = sender_of(request, "shape", upload, described, callback), key_of(request)
     answer = await service.runner.submit("shape", upload, described, sender, key.most_jobs if key else None)
     if isinstance(answer, rows.Known):
         return JSONResponse(KnownShape.of_known(answer).model_dump(mode="json"))

@@ -46,6 +46,10 @@ def upgrade() -> None:
     op.add_column("jobs", sa.Column("idempotency", sa.String(64)))
     op.add_column("jobs", sa.Column("fingerprint", sa.String(64)))
     op.add_column("jobs", sa.Column("ignored", sa.JSON(), nullable=False, server_default="[]"))
+    op.add_column("jobs", sa.Column("callback", sa.String()))
+    op.add_column("jobs", sa.Column("callback_attempts", sa.Integer(), nullable=False, server_default="0"))
+    op.add_column("jobs", sa.Column("callback_due", sa.Float()))
+    op.create_index(op.f("ix_jobs_callback_due"), "jobs", ["callback_due"])
     op.create_index(op.f("ix_jobs_state_owner_seq"), "jobs", ["state", "owner", "seq"])
     op.create_index(op.f("ix_jobs_idempotency"), "jobs", ["idempotency"])
     op.add_column("api_keys", sa.Column("expires_at", sa.Float()))
@@ -95,9 +99,9 @@ def downgrade() -> None:
             connection.execute(JOBS.update().where(JOBS.c.seq == seq).values(result=emptied))
     for column in ("most_jobs", "expires_at"):
         op.drop_column("api_keys", column)
-    for index in ("ix_jobs_idempotency", "ix_jobs_state_owner_seq"):
+    for index in ("ix_jobs_callback_due", "ix_jobs_idempotency", "ix_jobs_state_owner_seq"):
         op.drop_index(op.f(index), "jobs")
-    for column in ("ignored", "fingerprint", "idempotency", "owner"):
+    for column in ("callback_due", "callback_attempts", "callback", "ignored", "fingerprint", "idempotency", "owner"):
         op.drop_column("jobs", column)
     op.drop_column("shapes", "updated_at")
     op.drop_index(op.f("ix_jobs_finished_at"), "jobs")

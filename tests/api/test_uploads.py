@@ -75,8 +75,8 @@ def test_a_request_sent_again_under_its_name_is_done_once(tmp_path):
         assert (first.status_code, again.status_code) == (202, 202)
         assert first.json()["id"] == again.json()["id"]
         other = {"files": {"file": ("m.ply", small_mesh(1))}}
-        check(http.post("/v1/shapes", **other, headers=names), 422, "idempotency_mismatch")
-        check(http.post("/v1/queries", **form, headers=names), 422, "idempotency_mismatch")
+        check(http.post("/v1/shapes", **other, headers=names), 409, "idempotency_mismatch")
+        check(http.post("/v1/queries", **form, headers=names), 409, "idempotency_mismatch")
         for wrong in ("", "x" * 256, "a b"):
             response = http.post("/v1/shapes", **form, headers={"Idempotency-Key": wrong})
             assert response.status_code == 422

@@ -130,13 +130,13 @@ def http(tmp_path_factory):
 @pytest.mark.parametrize("address", REFUSED)
 def test_addresses_that_are_not_named_are_refused_when_they_are_sent(http, address):
     response = post_mesh(http, small_mesh(1), parameters=FEW, callback=address)
-    assert "callback" in check(response, 422, "parameter_invalid")["detail"]
+    assert "callback" in check(response, 409, "unsuited")["detail"]
 
 
 def test_nobody_is_called_by_default(tmp_path, receiver):
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as api:
         response = post_mesh(api, small_mesh(1), parameters=FEW, callback=receiver.url)
-        assert "UNBEND_WEBHOOK_HOSTS" in check(response, 422, "parameter_invalid")["detail"]
+        assert "UNBEND_WEBHOOK_HOSTS" in check(response, 409, "unsuited")["detail"]
 
 
 def test_hosts_without_a_secret_are_refused_at_the_start(tmp_path):

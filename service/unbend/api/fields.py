@@ -6,6 +6,7 @@ whether the other takes it.
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final, Literal
 
 from fastapi import Path
@@ -76,6 +77,16 @@ ParametersText = Annotated[str | None, WithJsonSchema(_PARAMETERS)]
 PolicyText = Annotated[str | None, WithJsonSchema(_POLICY)]
 
 MetadataText = Annotated[str | None, WithJsonSchema(_METADATA)]
+
+_INSTANT: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+
+
+def as_instant(value: object) -> object:
+    """Return text that may be an instant of RFC 3339, which has an offset; numbers are none."""
+    if not isinstance(value, str) or not _INSTANT.fullmatch(value):
+        raise ValueError("should be an instant with its offset, such as 2026-01-31T12:00:00Z")
+    return value
+
 
 MeasureName = Annotated[str, Field(json_schema_extra={"enum": list(MEASURES)})]
 

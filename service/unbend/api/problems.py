@@ -39,7 +39,7 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.BusyError: 503,
     errors.QueueFullError: 429,
     errors.QuotaError: 429,
-    errors.IdempotencyError: 422,
+    errors.IdempotencyError: 409,
     errors.JobTimeoutError: 504,
     errors.JobMemoryError: 507,
     errors.JobCancelledError: 409,

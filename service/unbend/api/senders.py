@@ -59,7 +59,9 @@ def sender_of(
     Raises
     ------
     ParameterError
-        If the header Idempotency-Key is not 1 to 255 visible characters of ASCII, or the callback is refused.
+        If the header Idempotency-Key is not 1 to 255 visible characters of ASCII.
+    UnsuitedError
+        If this service does not call the callback.
     """
     key = key_of(request)
     owner = key.id if key else None

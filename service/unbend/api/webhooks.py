@@ -22,7 +22,7 @@ from urllib.parse import urlsplit
 import httpx
 
 from unbend.api.addresses import is_loopback
-from unbend.errors import ParameterError, StoreError
+from unbend.errors import StoreError, UnsuitedError
 from unbend.jobs import JobRunner
 from unbend.library import Library, queue
 from unbend.library.records import JobRecord
@@ -51,23 +51,23 @@ def check_callback(url: str, plan: WebhookPlan | None) -> str:
 
     Raises
     ------
-    ParameterError
+    UnsuitedError
         If webhooks are off, the host is not named in the settings, or the address is not https; http will do for this
         machine.
     """
     if plan is None:
-        raise ParameterError("callback: this service calls nobody; it names hosts in UNBEND_WEBHOOK_HOSTS if it does")
+        raise UnsuitedError("callback: this service calls nobody; it names hosts in UNBEND_WEBHOOK_HOSTS if it does")
     try:
         parts = urlsplit(url)
         host, _ = (parts.hostname or "").lower(), parts.port
     except ValueError:
-        raise ParameterError("callback: not an address") from None
+        raise UnsuitedError("callback: not an address") from None
     if len(url) > _MOST_URL or parts.username or parts.password or not url.isprintable():
-        raise ParameterError("callback: not an address that is called")
+        raise UnsuitedError("callback: not an address that is called")
     if parts.scheme != "https" and not (parts.scheme == "http" and is_loopback(host)):
-        raise ParameterError("callback: must begin with https://")
+        raise UnsuitedError("callback: must begin with https://")
     if host not in plan.hosts:
-        raise ParameterError(f"callback: {host[:100]!r} is not among the hosts that this service calls")
+        raise UnsuitedError(f"callback: {host[:100]!r} is not among the hosts that this service calls")
     return url
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
-from pydantic import AwareDatetime
+from pydantic import AwareDatetime, BeforeValidator
 
 from unbend.api.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
-from unbend.api.fields import Id, JobId
+from unbend.api.fields import JobId, as_instant
 from unbend.api.headers import DISPOSITION
 from unbend.api.links import job_links, next_page, shape_links
 from unbend.api.models import Forgotten, Job, JobList, JobSummary
@@ -36,7 +36,7 @@ async def list_jobs(
     request: Request,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
     kind: Annotated[JobKind | None, Query(description="Only jobs of this kind.")] = None,
-    shape_id: Annotated[Id | None, Query(description="Only uploads that became this shape.")] = None,
+    shape_id: Annotated[str | None, Query(pattern=r"^[0-9a-f]{32}$", description="Only jobs of this shape.")] = None,
     cursor: Annotated[
         str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
     ] = None,
@@ -54,7 +54,9 @@ async def list_jobs(
 async def forget_jobs(
     service: ServiceDependency,
     request: Request,
-    before: Annotated[AwareDatetime, Query(description="An instant with its offset (RFC 3339).")],
+    before: Annotated[
+        AwareDatetime, BeforeValidator(as_instant), Query(description="An instant with its offset (RFC 3339).")
+    ],
 ) -> Forgotten:
     """Forget the jobs that ended before an instant. Shapes that uploads became stay."""
     return Forgotten(forgotten=await service.runner.forget(before, owner_of(request)))

@@ -82,7 +82,7 @@ def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
     responses={
         200: {"model": KnownShape, "description": "Stored already.", "links": shape_links("$response.body#/id")},
         202: {"headers": LOCATION, "links": job_links("$response.body#/id")},
-        **problem_responses(415, 422, 429),
+        **problem_responses(409, 415, 422, 429),
     },
     openapi_extra={"requestBody": {"content": {"multipart/form-data": {"encoding": FILE_ENCODING}}}},
     dependencies=[Depends(sends("multipart/form-data"))],

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import numpy as np
 from sqlalchemy import Connection
@@ -36,6 +36,7 @@ SHAPES: Final = 6000
 JOBS: Final = 20_000
 LARGE_BYTES: Final = 30 * 2**20
 READERS: Final = 60
+FEW: Final = quote('{"samples": 40}')
 LONGEST: Final = 0.25
 """Seconds that any request may keep the probe waiting."""
 
@@ -49,7 +50,7 @@ def stall(seed: int) -> Report:
         ids, large = _fill(Path(folder) / "library.db", seed)
         progress("stalls: the library is filled")
         with Server(Path(folder), stall_seconds=90) as server, server.http() as http:
-            for path in ("map", "classes", f"shapes/{ids[0]}"):
+            for path in (f"map?parameters={FEW}", "classes", f"shapes/{ids[0]}"):
                 http.get(f"/v1/{path}").raise_for_status()
             http.post("/v1/queries", json={"shape_id": ids[0]}).raise_for_status()
             before = most = _resident(server)
@@ -161,8 +162,8 @@ def _acts(server: Server, ids: list[str], large: str) -> dict[str, Callable[[], 
         "all shapes, in pages of 500": pages,
         "500 jobs": call("GET", "jobs?limit=500"),
         "20 queries for the nearest 1000": queries,
-        "a map of 5000 shapes": call("GET", "map"),
-        "an evaluation": call("GET", "evaluation"),
+        "a map of 5000 shapes": call("GET", f"map?parameters={FEW}"),
+        "an evaluation": call("GET", f"evaluation?parameters={FEW}"),
         "a download of 30 MB": call("GET", f"shapes/{large}/mesh"),
         f"{READERS} slow downloads of 30 MB": lambda: _slowly(server, f"/v1/shapes/{large}/mesh"),
         "20 shapes removed": removals,

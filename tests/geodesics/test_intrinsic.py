@@ -96,7 +96,7 @@ def test_any_repaired_mesh_has_one_with_lengths_that_are_triangles(mesh):
     faces, twins, lengths = stencils.triangles[:3]
     sides = np.sort(lengths.reshape(-1, 3), axis=1)
     assert np.isfinite(sides).all()
-    # A flip takes a length as the root of a difference of squares: that of a short edge between long ones is rounded so.
+    # A flip takes the root of a difference of squares, so a short edge between long ones has their rounding.
     rounding = 64 * np.finfo(float).eps * lengths.max() ** 2 / sides[:, 2]
     assert (sides[:, 0] + sides[:, 1] >= sides[:, 2] * (1 - 1e-6) - rounding).all()
     assert (lengths[twins[twins >= 0]] == lengths[twins >= 0]).all()

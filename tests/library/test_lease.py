@@ -38,6 +38,14 @@ def test_a_lease_ends_with_its_process_however_that_ends(tmp_path):
     Lease(url).close()
 
 
+def test_a_link_to_a_library_is_no_other_library(tmp_path):
+    link = tmp_path / "elsewhere" / "link.db"
+    link.parent.mkdir()
+    link.symlink_to(tmp_path / "library.db")
+    with Lease(str(tmp_path / "library.db")), pytest.raises(StoreInUseError, match=f"process {os.getpid()}"):
+        Lease(str(link))
+
+
 def test_libraries_that_are_no_file_are_leased_to_everybody():
     with Lease("sqlite://"), Lease("sqlite://"):
         pass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from functools import partial
 
@@ -53,6 +54,27 @@ def test_a_change_to_a_file_that_is_removed_meanwhile_is_not_acknowledged(librar
 
     with pytest.raises(StoreLostError):
         library.store.change(change)
+
+
+@pytest.mark.parametrize("harm", [remove, lose_the_log])
+def test_a_library_behind_a_link_is_watched_where_it_lies(tmp_path, harm):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link.db").symlink_to(tmp_path / "real" / "library.db")
+    with Library(str(tmp_path / "link.db")) as library:
+        library.store.reserve(2**20)
+        assert (tmp_path / "real" / "library.db-reserve").stat().st_size == 2**20
+        add(library, b"one", "one")
+        harm(tmp_path / "real" / "library.db")
+        with pytest.raises(StoreLostError):
+            library.page()
+
+
+def test_an_upload_that_is_refused_does_not_cost_the_reserve(library, tmp_path):
+    library.store.reserve(2**20)
+    with (tmp_path / "library.db-reserve").open("rb") as reserve:
+        with pytest.raises(StoreFullError):
+            library.store.change(lambda _: library.store.admit(2**60))
+        assert os.fstat(reserve.fileno()).st_nlink == 1  # it is there, and was all the time
 
 
 @pytest.fixture

@@ -22,9 +22,10 @@ from unbend.cli.options import warn
 from unbend.cli.query import query
 from unbend.cli.serve import serve
 from unbend.cli.signature import signature
-from unbend.errors import UnbendError
+from unbend.errors import StoreInUseError, UnbendError
 
 EXIT_FAILED = 1
+EXIT_IN_USE = 3  # so that a supervisor can tell a second server from one that failed
 
 # Set before NumPy is loaded. We keep the cores busy with threads and processes of our own; OpenBLAS' threads, which
 # wait by spinning, would take them away, and the matrices are too small to gain by them.
@@ -42,7 +43,7 @@ class ErrorsShown(click.Group):
             warn(f"unbend: {error}")
             if error.advice:
                 warn(f"        {error.advice}")
-            sys.exit(EXIT_FAILED)
+            sys.exit(EXIT_IN_USE if isinstance(error, StoreInUseError) else EXIT_FAILED)
         except OSError as error:
             warn(f"unbend: {error.filename or ''}: {error.strerror or error}")
             sys.exit(EXIT_FAILED)

@@ -85,11 +85,12 @@ class Dispatcher:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
         await self._drain()
-        left = dict(self._tasks)
-        for task in left.values():
+        left = list(self._tasks.values())
+        for task in left:
             task.cancel()
-        await asyncio.gather(*left.values(), return_exceptions=True)
-        await asyncio.gather(*map(self._give_back, left), return_exceptions=True)
+        await asyncio.gather(*left, return_exceptions=True)
+        with contextlib.suppress(StoreError):
+            await self._made(_give_all_back)  # also one whose claim was under way
 
     async def _drain(self) -> None:
         """Wait until the jobs in hand have ended, their time is over, or somebody is in a hurry."""
@@ -180,11 +181,14 @@ class Dispatcher:
 
     async def _room(self) -> None:
         """Wait until the disk of the library has room for a result."""
+        told = False
         while True:
             try:
                 self._library.store.admit(_RESULT_BYTES)
             except StoreFullError as error:
-                logger.error("no job is begun: %s", error)  # noqa: TRY400  no stack is needed to read it
+                if not told:  # once: the log may be on the same disk
+                    logger.error("no job is begun: %s", error)  # noqa: TRY400  no stack is needed to read it
+                told = True
                 await asyncio.sleep(_RETRY_SECONDS)
             except StoreError:
                 return  # whoever writes next finds out
@@ -283,6 +287,12 @@ class Dispatcher:
             elif done := queue.finish(connection, job.id, "failed", error=describe(_LOST)):
                 ended.append(done)
         return ended
+
+
+def _give_all_back(connection: Connection) -> None:
+    """Put every job that is running in the store back: nobody has one in hand any more."""
+    for job in queue.running_jobs(connection):
+        queue.give_back(connection, job.id, lost="nothing")
 
 
 async def _all_ended(tasks: Collection[asyncio.Task[None]]) -> None:

@@ -19,7 +19,7 @@ class JobObserver(Protocol):
     """Keeps figures; called from any thread, so it must be safe there, and quick."""
 
     def submitted(self, job: JobRecord) -> None:
-        """Take note of a new job, in the context of who submits it and before anybody can begin it."""
+        """Take note of a new job that is on disk, in the context of who submits it and before anybody can begin it."""
 
     def begun(self, job: JobRecord) -> None:
         """Take note of an attempt at a job."""

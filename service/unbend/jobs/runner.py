@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextvars import copy_context
+from concurrent.futures import Future
+from contextvars import Context, copy_context
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -72,6 +73,11 @@ class WantedFile:
     arguments: Mapping[str, Any]
     file_type: str
     name: str
+
+
+@dataclass(frozen=True)
+class _New:
+    job: JobRecord
 
 
 @dataclass(frozen=True)
@@ -180,13 +186,8 @@ class JobRunner:
             If the sender sent something else under the same name.
         """
         key = UploadKey.of(upload.data, upload.parameters, upload.policy)
-        context = copy_context()  # that of the request: who observes jobs may want to know it
         order = _Order(kind, key, upload, request, sender, most)
-        answer = await self.write(lambda connection: context.run(self._enqueue, connection, order))
-        if isinstance(answer, JobRecord):
-            CURRENT_JOB.set(answer.id)
-        self._dispatcher.wake()
-        return answer
+        return await self._queued(lambda connection: self._enqueue(connection, order))
 
     async def status(self, job_id: str) -> JobRecord:
         """Return a job with its live progress; NotFoundError if there is none."""
@@ -281,21 +282,18 @@ class JobRunner:
         key = UploadKey(shape.sha256, Parameters.from_dict(shape.parameters).to_json(), _text(shape.policy))
         request = {**vars(wanted), "arguments": dict(wanted.arguments)}
 
-        def enqueue(connection: Connection) -> JobRecord:
+        def enqueue(connection: Connection) -> _New:
             rows.get_shape(connection, shape.id)
             waiting = queue.count_queued(connection)
             if waiting >= self.limits.queued:
                 raise QueueFullError(f"{waiting} jobs wait already")
-            return queue.enqueue(
+            job = queue.enqueue(
                 connection, kind="file", key=key, file_type=str(shape.report["file_type"]), request=request,
                 sender=sender, shape_id=shape.id,
             )  # fmt: skip
+            return _New(job)
 
-        job = await self.write(enqueue)
-        CURRENT_JOB.set(job.id)
-        self._observer.submitted(job)
-        self._dispatcher.wake()
-        return job
+        return await self._queued(enqueue)
 
     async def file(self, job: JobRecord) -> JobFile:
         """Return what a job of the kind "file" made; NotFoundError where there is none."""
@@ -327,7 +325,24 @@ class JobRunner:
         """Have a change made to the library, in its turn, and wait until it is on disk; no thread waits meanwhile."""
         return await asyncio.wrap_future(self._writer.submit(change))
 
-    def _enqueue(self, connection: Connection, order: _Order) -> JobRecord | rows.Known:
+    async def _queued(self, enqueue: Callable[[Connection], _New | T]) -> JobRecord | T:
+        """Have a job queued; return it, or what is there in its place."""
+        future = self._writer.submit(enqueue)
+        # Called as soon as the job is on disk, be the client still there or not, and before anybody can begin it.
+        future.add_done_callback(partial(self._note_new, copy_context()))
+        answer = await asyncio.wrap_future(future)
+        found = answer.job if isinstance(answer, _New) else answer
+        if isinstance(found, JobRecord):
+            CURRENT_JOB.set(found.id)
+        self._dispatcher.wake()
+        return found
+
+    def _note_new(self, context: Context, future: Future[Any]) -> None:
+        """Tell the observer of a new job, in the context of the request that it came with."""
+        if not future.cancelled() and future.exception() is None and isinstance(future.result(), _New):
+            context.run(self._observer.submitted, future.result().job)
+
+    def _enqueue(self, connection: Connection, order: _Order) -> _New | JobRecord | rows.Known:
         sender = order.sender
         if sender.idempotency and (
             before := queue.find_sent(connection, sender.idempotency, datetime.now(UTC) - IDEMPOTENCY)
@@ -343,8 +358,7 @@ class JobRunner:
             connection, kind=order.kind, key=order.key, file_type=order.upload.file_type, request=order.request,
             sender=sender,
         )  # fmt: skip
-        self._observer.submitted(job)
-        return job
+        return _New(job)
 
     def _check_room(self, connection: Connection, order: _Order) -> None:
         self._library.store.admit(len(order.upload.data))

@@ -108,8 +108,9 @@ class Store:
         try:
             with self.write() as connection:
                 return change(connection)
-        except StoreFullError:
-            if self._place is None or not self._place.release():
+        except StoreFullError as error:
+            # What `admit` refuses has no cause, and is no reason to give the reserve up: anybody may be refused.
+            if error.__cause__ is None or self._place is None or not self._place.release():
                 raise
         with self.write() as connection:
             return change(connection)

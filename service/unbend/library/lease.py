@@ -45,7 +45,7 @@ class Lease:
             return
         if fcntl is None:
             return
-        place = Path(f"{library}-lease")
+        place = Path(f"{library.resolve()}-lease")  # a link to a library is no other library
         try:
             self._handle = os.open(place, os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:

@@ -34,9 +34,10 @@ class Place:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._files = {part: _identity(part) for part in (path, Path(f"{path}-wal"))}
-        self._reserve = Path(f"{path}-reserve")
+        real = path.resolve()  # SQLite keeps the log beside the file that a link leads to
+        self._folder = real.parent
+        self._files = {part: _identity(part) for part in (path, Path(f"{real}-wal"))}
+        self._reserve = Path(f"{real}-reserve")
         self._bytes = 0
         self._lock = threading.Lock()
 
@@ -63,7 +64,7 @@ class Place:
 
     def free(self) -> int:
         """Return the free bytes of the disk, with those in reserve."""
-        return shutil.disk_usage(self._path.parent).free + self._held()
+        return shutil.disk_usage(self._folder).free + self._held()
 
     def admit(self, size: int, unused: int) -> None:
         """Raise StoreFullError if `size` bytes cannot be stored without the reserve.
@@ -96,7 +97,7 @@ class Place:
             return 0
 
     def _take(self) -> None:
-        if self._held() >= self._bytes or shutil.disk_usage(self._path.parent).free < self._bytes + _SMALL:
+        if self._held() >= self._bytes or shutil.disk_usage(self._folder).free < self._bytes + _SMALL:
             return
         try:
             with self._reserve.open("wb") as file:

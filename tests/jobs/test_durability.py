@@ -1,0 +1,110 @@
+"""What the runner tells of jobs, and leaves of them, where transactions are undone and servers stop."""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+from contextlib import closing
+
+import pytest
+from sqlalchemy import Connection
+
+from server import small_mesh
+from unbend import Library, MeshPolicy, Parameters
+from unbend.errors import StoreFullError
+from unbend.jobs import JobLimits, JobRunner, Upload
+from unbend.jobs.observer import NoObserver
+from unbend.library import queue
+from unbend.library.key import UploadKey
+from unbend.library.records import JobRecord
+from unbend.library.shapes import put_mesh
+
+FEW = Parameters(samples=40)
+REQUEST = {"name": "a mesh", "label": None, "metadata": {}}
+PATIENCE = 120.0
+
+
+class Told(NoObserver):
+    """Keeps what it is told, in order."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[str, str]] = []
+
+    def submitted(self, job: JobRecord) -> None:
+        self.events.append(("submitted", job.id))
+
+    def begun(self, job: JobRecord) -> None:
+        self.events.append(("begun", job.id))
+
+    def ended(self, job: JobRecord) -> None:
+        self.events.append(("ended", job.id))
+
+
+def fill(connection: Connection) -> None:
+    """Store more than the database may have: SQLite then undoes the whole transaction, as where a disk is full."""
+    pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
+    connection.exec_driver_sql(f"PRAGMA max_page_count = {pages + 4}")
+    try:
+        put_mesh(connection, "x" * 64, bytes(2**20))
+    finally:
+        connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
+
+
+def test_each_job_is_told_once_in_order_also_where_its_transaction_was_undone(tmp_path):
+    told = Told()
+
+    async def story(library: Library) -> list[str]:
+        runner = JobRunner(library, workers=1, observer=told)
+        await runner.start()
+        async with asyncio.timeout(PATIENCE):
+            with closing(sqlite3.connect(tmp_path / "library.db", isolation_level=None)) as other:
+                other.execute("BEGIN IMMEDIATE")  # so that all of these wait, and share a transaction
+                first = asyncio.create_task(runner.write(lambda _: None))
+                sent = [
+                    asyncio.create_task(
+                        runner.submit("shape", Upload(small_mesh(number), "ply", FEW, MeshPolicy()), REQUEST)
+                    )
+                    for number in range(3)
+                ]
+                full = asyncio.create_task(runner.write(fill))
+                await asyncio.sleep(0)
+                other.execute("ROLLBACK")
+            await first
+            with pytest.raises(StoreFullError):
+                await full
+            jobs = [job.id for job in await asyncio.gather(*sent)]
+            for job_id in jobs:
+                await runner.wait(job_id, PATIENCE)
+            await runner.stop()
+        return jobs
+
+    with Library(str(tmp_path / "library.db")) as library:
+        jobs = asyncio.run(story(library))
+    assert {job_id for _, job_id in told.events} == set(jobs)  # and none that there never was
+    for job_id in jobs:
+        assert [event for event, of in told.events if of == job_id] == ["submitted", "begun", "ended"]
+
+
+def test_a_job_whose_claim_is_under_way_when_the_server_stops_is_put_back_at_no_cost(tmp_path):
+    async def story(library: Library, job_id: str) -> JobRecord:
+        runner = JobRunner(library, workers=1, limits=JobLimits(drain_seconds=0.0))
+        async with asyncio.timeout(PATIENCE):
+            await runner.start()
+            with closing(sqlite3.connect(tmp_path / "library.db", isolation_level=None)) as other:
+                other.execute("BEGIN IMMEDIATE")  # before the runner's first claim, which waits from here on
+                await asyncio.sleep(0.3)
+                stopping = asyncio.create_task(runner.stop())
+                await asyncio.sleep(0.1)
+                other.execute("ROLLBACK")
+            await stopping
+        with library.store.read() as connection:
+            return queue.get_job(connection, job_id)
+
+    with Library(str(tmp_path / "library.db")) as library:
+        data = small_mesh(0)
+        key = UploadKey.of(data, FEW, MeshPolicy())
+        with library.store.write() as connection:
+            put_mesh(connection, key.sha256, data)
+            job = queue.enqueue(connection, kind="shape", key=key, file_type="ply", request=REQUEST)
+        left = asyncio.run(story(library, job.id))
+    assert (left.state, left.attempts, left.restarts) == ("queued", 0, 0)

@@ -82,7 +82,8 @@ class Place:
                 self._take()
             left = self.free() - self._bytes - max(0, size + _SMALL - unused)
         if left < 0:
-            raise StoreFullError(f"the library's disk has no room for {size} more bytes")
+            more = f"{size} more bytes" if size else "more"  # a length that comes in chunks is not known
+            raise StoreFullError(f"the library's disk has no room for {more}")
 
     def close(self) -> None:
         """Give the reserve back."""

@@ -107,6 +107,21 @@ def test_a_full_disk_refuses_what_does_not_fit_and_lets_shapes_be_removed(disk):
         add(library, bytes(LARGE // 2), "in its place")
 
 
+def test_jobs_can_begin_as_long_as_uploads_are_taken(disk):
+    with Library(str(disk / "library.db")) as library, (disk / "other").open("wb", buffering=0) as other:
+        library.store.reserve(6 * 2**20)
+
+        def take(size: int) -> None:
+            library.store.admit(size)
+            library.store.admit_result()
+            other.write(bytes(size))
+
+        with pytest.raises(StoreFullError):
+            for _ in range(24 * 16):
+                take(2**16)
+        library.store.admit_result()  # for what was taken before
+
+
 def test_the_reserve_is_made_again_when_there_is_room(disk):
     with Library(str(disk / "library.db")) as library:
         library.store.reserve(6 * 2**20)

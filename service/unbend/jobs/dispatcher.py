@@ -39,9 +39,6 @@ _HISTORY_SECONDS: Final = 60.0
 _LAST_SECONDS: Final = 3.0
 """How long a server that stops tries to write to a store that fails. The next server finds what was not written."""
 
-_RESULT_BYTES: Final = 2**20
-"""Free bytes that a job needs to begin, so that its result can be stored."""
-
 _LOST: Final = WorkerLostError("the process that ran the job died")
 
 
@@ -184,7 +181,7 @@ class Dispatcher:
         told = False
         while True:
             try:
-                self._library.store.admit(_RESULT_BYTES)
+                self._library.store.admit_result()
             except StoreFullError as error:
                 if not told:  # once: the log may be on the same disk
                     logger.error("no job is begun: %s", error)  # noqa: TRY400  no stack is needed to read it

@@ -126,9 +126,14 @@ class Store:
             self._place.reserve(size)
 
     def admit(self, size: int) -> None:
-        """Raise StoreFullError if there is no room for `size` more bytes; needs `reserve`."""
+        """Raise StoreFullError if there is no room for an upload of `size` bytes; needs `reserve`."""
         if self._place:
             self._place.admit(size, self._unused())
+
+    def admit_result(self) -> None:
+        """Raise StoreFullError if there is no room for the result of a job; there is where uploads are admitted."""
+        if self._place:
+            self._place.admit(None, self._unused())
 
     def free(self) -> int | None:
         """Return the free bytes of the library's disk; None where it is not a file."""

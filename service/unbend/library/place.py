@@ -21,7 +21,10 @@ logger = logging.getLogger("unbend.library")
 _Identity = tuple[int, int] | None
 
 _SMALL: Final = 2**20
-"""Bytes that a change needs beside the data it stores: rows, indexes, the log."""
+"""Bytes that a change needs beside the data it stores: rows, indexes, the log. A job's result needs no more."""
+
+_UPLOAD: Final = 2 * _SMALL
+"""Bytes that an upload needs beside its file. More than a result, so that jobs can begin where uploads are taken."""
 
 
 class Place:
@@ -66,12 +69,13 @@ class Place:
         """Return the free bytes of the disk, with those in reserve."""
         return shutil.disk_usage(self._folder).free + self._held()
 
-    def admit(self, size: int, unused: int) -> None:
-        """Raise StoreFullError if `size` bytes cannot be stored without the reserve.
+    def admit(self, size: int | None, unused: int) -> None:
+        """Raise StoreFullError if an upload cannot be stored without the reserve.
 
         Parameters
         ----------
-        size : int
+        size : int or None
+            Bytes of its file; None for the result of a job, which needs less.
         unused : int
             Bytes of the library's file that hold nothing, such as those of removed shapes.
         """
@@ -80,7 +84,8 @@ class Place:
         with self._lock:
             if not self._held():
                 self._take()
-            left = self.free() - self._bytes - max(0, size + _SMALL - unused)
+            needed = _SMALL if size is None else size + _UPLOAD
+            left = self.free() - self._bytes - max(0, needed - unused)
         if left < 0:
             more = f"{size} more bytes" if size else "more"  # a length that comes in chunks is not known
             raise StoreFullError(f"the library's disk has no room for {more}")

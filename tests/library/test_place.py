@@ -111,14 +111,14 @@ def test_jobs_can_begin_as_long_as_uploads_are_taken(disk):
     with Library(str(disk / "library.db")) as library, (disk / "other").open("wb", buffering=0) as other:
         library.store.reserve(6 * 2**20)
 
-        def take(size: int) -> None:
-            library.store.admit(size)
-            library.store.admit_result()
-            other.write(bytes(size))
+        def fill() -> None:
+            for _ in range(24 * 16):
+                library.store.admit(0)
+                library.store.admit_result()
+                other.write(bytes(2**16))
 
         with pytest.raises(StoreFullError):
-            for _ in range(24 * 16):
-                take(2**16)
+            fill()
         library.store.admit_result()  # for what was taken before
 
 

@@ -68,7 +68,7 @@ def measured(path: Path, size: int, *, overwritten: bool, log_emptied: bool) -> 
             event.listen(engine, "connect", lambda connection, _: connection.execute("PRAGMA secure_delete = OFF"))
             engine.dispose()
         if not log_emptied:
-            library.store.erase = lambda: None
+            library.store.erase = lambda _mark: None
         queries, removals = [], []
         for _ in range(ROUNDS):
             query, shape = os.urandom(size), os.urandom(size)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeGuard, get_args
 
@@ -21,13 +20,18 @@ from unbend.embedding.classical import classical_scaling
 from unbend.embedding.dimension import effective_dimension
 from unbend.embedding.fast import fastmap
 from unbend.embedding.least_squares import Progress, smacof
+from unbend.embedding.starts import low_starts, random_points
 from unbend.embedding.stress import stress
 from unbend.errors import ParameterError
 from unbend.threads import check_threads
+from unbend.tolerances import SMACOF_ITERATIONS
 
 Method = Literal["classical", "least_squares", "fast"]
 
 AUTO: Final = "auto"
+
+_TRIED_ITERATIONS: Final = 15
+"""Iterations of all points from each of a few starts, before the lowest goes on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +42,7 @@ class Embedding:
     stress: float
     """Eq. 2, of exactly these points."""
     iterations: int
-    """Of SMACOF; 0 for the other methods."""
+    """Of SMACOF, from all starts; 0 for the other methods."""
     eigenvalues: Floats
     """Leading eigenvalues of classical scaling, (min(n, m),); empty for "fast".
 
@@ -71,18 +75,20 @@ def embed(
     dimensions : int or "auto", default 3
         "auto" takes the effective dimension: the fewest with a representation error of at most 5 %, up to 12.
     method : {"least_squares", "classical", "fast"}
-        Accelerated SMACOF from the classical solution (lowest stress), classical scaling, or FastMap (fewest
-        operations). The stress of the first is never above that of the others.
+        Accelerated SMACOF from the lowest of many minima of a few points (lowest stress), classical scaling, or
+        FastMap (fewest operations). The stress of the first is never above that of the others.
     weights : (n, n) or (n,) array, optional
         Of pairs, w_ij of eq. 2, for "least_squares": symmetric, not negative, connecting all points. Or of points,
         above zero, such as the area each stands for: for "classical", and for "least_squares", where w_ij is the
         product of both, each over their mean.
     starts : int, default 0
-        Further starts of "least_squares" from random points, the same on every run; the lowest stress wins.
+        Further starts of "least_squares", with all points at random places, the same on every run. The lowest stress
+        wins.
     threads : int, optional
         All cores by default. The result does not depend on it.
     progress : callable, optional
-        Called after each iteration of "least_squares" with its number and the stress; anew from each start.
+        Called after each iteration of "least_squares" with its number, counted over all starts, and the lowest stress
+        so far.
 
     Returns
     -------
@@ -127,28 +133,32 @@ def _embedded(
     points, eigenvalues = classical_scaling(matrix, wanted, shares)
     if method == "classical":
         return Embedding(points, stress(points, matrix), 0, eigenvalues)
-    found = [_scaled(matrix, points, pairs, threads, progress)]
-    fast, _ = fastmap(matrix, wanted)
-    if stress(fast, matrix, pairs) < found[0].stress:  # the classical start led to a poor minimum
-        found.append(_scaled(matrix, fast, pairs, threads, progress))
-    found += [_scaled(matrix, start, pairs, threads, progress) for start in _random_points(matrix, wanted, starts)]
-    best = min(found, key=lambda scaled: scaled.stress)
-    return replace(best, eigenvalues=eigenvalues)
+
+    made = 0
+    lowest = np.inf
+
+    def report(_: int, value: float) -> None:
+        nonlocal made, lowest
+        made, lowest = made + 1, min(lowest, value)
+        if progress is not None:
+            progress(made, lowest)
+
+    def scaled(start: Floats, iterations: int = SMACOF_ITERATIONS) -> Embedding:
+        found, _ = smacof(matrix, start, pairs, iterations=iterations, threads=threads, progress=report)
+        return Embedding(found, stress(found, matrix, pairs), 0, eigenvalues)
+
+    tried = [scaled(start, _TRIED_ITERATIONS) for start in (points, *low_starts(matrix, points, pairs))]
+    found = [scaled(min(tried, key=_stress_of).points)]
+    found += [scaled(start) for start in random_points(matrix, wanted, starts)]
+    best = min(found, key=_stress_of)
+    for other in (points, fastmap(matrix, wanted)[0]):  # so that neither of these methods has a lower stress
+        if stress(other, matrix, pairs) < best.stress:
+            best = min(best, scaled(other), key=_stress_of)
+    return replace(best, iterations=made)
 
 
-def _scaled(
-    matrix: Floats, start: Floats, weights: Floats | None, threads: int | None, progress: Progress | None
-) -> Embedding:
-    points, iterations = smacof(matrix, start, weights, threads=threads, progress=progress)
-    return Embedding(points, stress(points, matrix, weights), iterations, np.empty(0))
-
-
-def _random_points(matrix: Floats, dimensions: int, times: int) -> Iterator[Floats]:
-    """Yield normally distributed points, with squared distances that on average are those given."""
-    rng = np.random.default_rng(0)
-    spread = np.sqrt(np.mean(matrix**2) / (2 * dimensions))  # E |x - y|^2 = 2 m spread^2
-    for _ in range(times):
-        yield spread * rng.standard_normal((len(matrix), dimensions))
+def _stress_of(embedding: Embedding) -> float:
+    return embedding.stress
 
 
 def _checked_dimensions(dimensions: object, matrix: Floats) -> int:

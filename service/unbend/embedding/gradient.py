@@ -50,7 +50,7 @@ class StressGradient:
         gradients = np.empty((self._blocks, *points.shape), points.dtype)
 
         def work(part: slice) -> None:
-            _add_blocks(points, self._distances, self._weights, part.start, part.stop, gradients, self._losses)
+            add_blocks(points, self._distances, self._weights, part.start, part.stop, gradients, self._losses)
 
         if self._threads == 1:
             work(slice(0, self._blocks))
@@ -61,7 +61,7 @@ class StressGradient:
 
 
 @kernel
-def _add_blocks(axes, distances, weights, first, stop, gradients, losses):
+def add_blocks(axes, distances, weights, first, stop, gradients, losses):
     """Fill blocks `first` to `stop` - 1 of the gradient and of the loss, each the part of `_ROWS` rows.
 
     The inner loops run over j and add nothing up within themselves, so they are vectorised and yet round in one

@@ -67,7 +67,7 @@ def smacof(
     """
     if weights is not None:
         # Neither the weights' size nor equal ones change where the minimum is.
-        weights = None if _are_equal(weights) else weights / weights.max()
+        weights = None if are_equal(weights) else weights / weights.max()
     inverse = _laplacian_inverse(weights, len(distances))
     axes, made = np.ascontiguousarray((start - start.mean(axis=0)).T), 0
     for single, floor in ((True, SINGLE_STRESS), (False, ZERO_STRESS)):
@@ -88,7 +88,7 @@ def _counted_from(made: int, progress: Progress) -> Progress:
     return lambda count, stress: progress(made + count, stress)
 
 
-def _are_equal(weights: Floats) -> bool:
+def are_equal(weights: Floats) -> bool:
     """Whether all pairs weigh the same, whatever is on the diagonal."""
     pairs = weights[~np.eye(len(weights), dtype=bool)]
     return len(pairs) == 0 or bool(np.ptp(pairs) == 0)

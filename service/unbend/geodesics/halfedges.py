@@ -1,8 +1,9 @@
 """A triangulation described by lengths alone: which triangles meet at which sides, and how long the sides are.
 
 Side `3 f + i` of face f lies opposite its corner i and is a half-edge; `twins` names the half-edge beyond it, as
-`unbend.mesh.topology` does. Faces are turned around until both faces of each edge agree, as far as the surface can be
-oriented. Edges whose two faces agree are *free*: they may be flipped and crossed without looking at vertices.
+`unbend.mesh.topology` does. Faces are put in the order of a walk over the surface (`walk.py`), and turned around until
+both faces of each edge agree, as far as the surface can be oriented. Edges whose two faces agree are *free*: they may
+be flipped and crossed without looking at vertices.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints
 from unbend.geodesics.unfolding import half_edge_lengths
+from unbend.geodesics.walk import walk_faces
 from unbend.jit import inlined, kernel
 from unbend.mesh.surface import Surface
 
@@ -38,12 +40,10 @@ class HalfEdges:
 
 
 def half_edges_of(surface: Surface, unit: float) -> HalfEdges:
-    """Return the triangles of `surface` as they are, oriented, with lengths in units of `unit`: O(n + m)."""
+    """Return the triangles of `surface`, ordered and oriented, with lengths in units of `unit`: O(n + m)."""
     twins = surface.edges.twins()
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces) * (surface.scale / unit)
-    count = len(surface.faces)
-    turned = _turned(surface.faces, twins, np.zeros(count, np.int8), np.empty(count, np.int32))
-    faces, twins, lengths = _oriented(surface.faces, twins, lengths, turned)
+    faces, twins, lengths = _in_order(surface.faces, twins, lengths, *walk_faces(surface.faces, twins, lengths))
     return HalfEdges(faces, twins, lengths, _free(faces, twins), len(surface.vertices))
 
 
@@ -60,42 +60,26 @@ def before(half_edge):
 
 
 @kernel
-def _turned(faces, twins, turned, waiting):
-    """Say for each face whether it must be turned around: 2 if so, 1 if not."""
-    for seed in range(len(faces)):
-        if turned[seed]:
-            continue
-        turned[seed] = 1
-        waiting[0], size = seed, 1
-        while size:
-            size -= 1
-            face = waiting[size]
-            for i in range(3):
-                twin = twins[3 * face + i]
-                if twin < 0 or twins[twin] != 3 * face + i or turned[twin // 3]:
-                    continue
-                other, j = twin // 3, twin % 3
-                alike = faces[face, (i + 1) % 3] == faces[other, (j + 2) % 3]
-                turned[other] = turned[face] if alike else 3 - turned[face]
-                waiting[size] = other
-                size += 1
-    return turned
-
-
-@kernel
-def _oriented(faces, twins, lengths, turned):
-    new_faces, new_twins, new_lengths = faces.copy(), twins.copy(), lengths.copy()
-    for face in range(len(faces)):
-        if turned[face] == 2:
-            new_faces[face, 1], new_faces[face, 2] = faces[face, 2], faces[face, 1]
-            for one, other in ((1, 2), (2, 1)):
-                new_lengths[3 * face + one] = lengths[3 * face + other]
-                new_twins[3 * face + one] = twins[3 * face + other]
-    for half_edge in range(len(twins)):
-        twin = new_twins[half_edge]
-        if twin >= 0 and twin % 3 and turned[twin // 3] == 2:
-            new_twins[half_edge] = 3 * (twin // 3) + 3 - twin % 3
+def _in_order(faces, twins, lengths, entries, turned):
+    """Return the arrays with faces in the order of a walk, each beginning where the walk entered it."""
+    place = np.empty(len(twins), np.int32)
+    for face in range(len(entries)):
+        for step in range(3):
+            place[_side(entries[face], step, turned[face])] = 3 * face + step
+    new_faces, new_twins, new_lengths = np.empty_like(faces), np.empty_like(twins), np.empty_like(lengths)
+    for face in range(len(entries)):
+        for step in range(3):
+            side = _side(entries[face], step, turned[face])
+            new_faces[face, step] = faces[side // 3, side % 3]
+            new_twins[3 * face + step] = place[twins[side]] if twins[side] >= 0 else -1
+            new_lengths[3 * face + step] = lengths[side]
     return new_faces, new_twins, new_lengths
+
+
+@inlined
+def _side(entry, step, turned):
+    """Return the half-edge `step` after `entry` around its face, or before it where the face is turned around."""
+    return 3 * (entry // 3) + (entry % 3 + (3 - step if turned else step)) % 3
 
 
 @kernel

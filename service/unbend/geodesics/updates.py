@@ -71,8 +71,8 @@ def spherical_slot(ua, ub, up, ax, bx, by, px, py):
 def planar_slot(ua, ub, up, ax, bx, by, px, py):
     """Distance of C through a slot, divided where its angle is obtuse, as Kimmel & Sethian do.
 
-    The whole triangle stays, for it is exact where both its ends are known in time. P at the origin says that nothing
-    comes over AB.
+    CP is an edge of both halves, so the front may come along it, too. The whole triangle stays, for it is exact where
+    both its ends are known in time. P at the origin says that nothing comes over AB.
     """
     ex, ey = bx - ax, by
     whole = planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by)
@@ -80,4 +80,5 @@ def planar_slot(ua, ub, up, ax, bx, by, px, py):
     ex, ey = bx - px, by - py
     near_a = planar(ua, up, (px - ax) * (px - ax) + py * py, ax * (ax - px), ax * py)
     near_b = planar(up, ub, ex * ex + ey * ey, -(px * ex + py * ey), px * by - py * bx)
-    return min(whole, near_a, near_b) if bx < _ZERO else whole
+    straight = up + np.sqrt(px * px + py * py)
+    return min(whole, near_a, near_b, straight) if bx < _ZERO else whole

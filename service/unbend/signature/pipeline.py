@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Self
 
@@ -83,7 +82,7 @@ def compute_signature(
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
 
-    count, iterations = min(chosen.samples, len(surface.used_vertices)), itertools.count(1)
+    count = min(chosen.samples, len(surface.used_vertices))
 
     def report_samples(made: int) -> None:
         share = _SAMPLING + made / count * (_GEODESICS - _SAMPLING)
@@ -94,8 +93,7 @@ def compute_signature(
         report(stage, _GEODESICS + share * (_EMBEDDING - _GEODESICS))
 
     def report_iteration(made: int, stress: float) -> None:
-        all_made = next(iterations)  # of all starts
-        share = _EMBEDDING + all_made / (all_made + _MANY_ITERATIONS) * (_DESCRIBING - _EMBEDDING)
+        share = _EMBEDDING + made / (made + _MANY_ITERATIONS) * (_DESCRIBING - _EMBEDDING)
         report(Stage("embedding", iteration=made, stress=stress), share)
 
     report_samples(0)

@@ -10,7 +10,7 @@ import numpy as np
 from unbend.arrays import Floats, Indices, Ints, frozen
 from unbend.signature.parameters import Parameters
 
-ALGORITHM_VERSION: Final = "4"
+ALGORITHM_VERSION: Final = "5"
 """Changes whenever the same mesh and parameters would give other numbers; stored signatures carry it."""
 
 

@@ -1,0 +1,142 @@
+"""Where least squares scaling begins: the lowest of many minima of a few points.
+
+The stress has many minima, and the one near the classical solution is often not the lowest: a limb lies on the wrong
+side. Where the parts go, a few points far from each other tell as well as all do, and for them many starts cost little.
+The others are placed by their distances to these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unbend.arrays import Floats, Indices
+from unbend.embedding.extension import extend
+from unbend.embedding.gradient import add_blocks
+from unbend.embedding.least_squares import are_equal
+from unbend.jit import kernel
+
+FEW: Final = 64
+"""Points that are embedded from every start."""
+
+TRIES: Final = 10
+"""Random starts."""
+
+KEPT: Final = 2
+"""Minima of the few points that all points are tried from."""
+
+_SAME: Final = 2e-3
+"""Minima of which one is higher by less than this share count as the same."""
+
+_STEPS: Final = 120
+"""Most steps from one start."""
+
+_DECREASE: Final = 1e-4
+"""Share of the stress: the search ends when two steps in a row gain less. It only has to tell minima apart."""
+
+
+def low_starts(distances: Floats, classical: Floats, weights: Floats | None = None, seed: int = 0) -> Iterator[Floats]:
+    """Yield points, (n, m), near low minima of the stress, the lowest first.
+
+    Parameters
+    ----------
+    distances : (n, n) float64
+    classical : (n, m) float64
+        The classical solution: the few points start from there, too.
+    weights : (n, n) float64, optional
+        Of pairs; ones by default. Those of the few points may leave them in parts: then all count alike.
+    seed : int
+        Of the random starts.
+    """
+    few = _far_points(distances, min(FEW, len(distances)))
+    between: Floats = np.ascontiguousarray(distances[few][:, few])
+    scale = float(between.max()) or 1.0
+    given, pairs, inverse = (between / scale).astype(np.float32), *_metric(weights, few)
+    minima: list[tuple[float, NDArray[np.float32]]] = []
+    for start in (classical[few], *random_points(between, classical.shape[1], TRIES, seed)):
+        axes = np.ascontiguousarray((start - start.mean(axis=0)).T / scale).astype(np.float32)
+        minima.append((_descend(axes, given, pairs, inverse, _STEPS, np.float32(_DECREASE)), axes))
+    squared = ((distances[few] / scale) ** 2).astype(np.float32)
+    for axes in _different(minima):
+        found: Floats = np.ascontiguousarray(axes.T).astype(np.float64)
+        if len(few) < len(distances):
+            yield scale * extend(found, few, squared, refine=False, threads=1)
+        else:
+            yield scale * found[np.argsort(few)]
+
+
+def _different(minima: list[tuple[float, NDArray[np.float32]]]) -> Iterator[NDArray[np.float32]]:
+    """Yield the lowest minima, of those that are the same only one."""
+    last, found = 0.0, 0
+    for loss, axes in sorted(minima, key=lambda minimum: minimum[0]):
+        if found < KEPT and (loss > last * (1.0 + _SAME) or not found):
+            yield axes
+            last, found = loss, found + 1
+
+
+def _far_points(distances: Floats, count: int) -> Indices:
+    """Return `count` points, each the farthest from those before it: whatever order the distances have."""
+    chosen = np.empty(count, np.int64)
+    nearest = np.full(len(distances), np.inf)
+    point = int((distances**2).sum(axis=1).argmax())
+    for number in range(count):
+        chosen[number] = point
+        nearest = np.minimum(nearest, distances[point])
+        nearest[point] = -1.0
+        point = int(nearest.argmax())
+    return chosen
+
+
+def _metric(weights: Floats | None, few: Indices) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the weights of the few points' pairs and V^+ of eq. 8; both empty, (0, 0), where all count alike."""
+    empty = np.empty((0, 0), np.float32)
+    if weights is None or are_equal(weights):
+        return empty, empty
+    pairs = weights[few][:, few]
+    laplacian = np.diag(pairs.sum(axis=1)) - pairs
+    if not pairs.max() > 0 or np.linalg.matrix_rank(laplacian, hermitian=True) < len(few) - 1:
+        return empty, empty
+    inverse = np.linalg.pinv(laplacian / pairs.max(), hermitian=True)
+    return (pairs / pairs.max()).astype(np.float32), inverse.astype(np.float32)
+
+
+def random_points(distances: Floats, dimensions: int, times: int, seed: int = 0) -> Iterator[Floats]:
+    """Yield normally distributed points, with squared distances that on average are those given."""
+    rng = np.random.default_rng(seed)
+    spread = np.sqrt(np.mean(distances**2) / (2 * dimensions))  # E |x - y|^2 = 2 m spread^2
+    for _ in range(times):
+        yield spread * rng.standard_normal((len(distances), dimensions))
+
+
+@kernel
+def _descend(axes, distances, weights, inverse, most, enough):
+    """Move points, given as `axes` (m, k), to a minimum of the stress; return the loss there.
+
+    Steps of SMACOF from where the last two steps point (Nesterov 1983), from rest again where the loss rises
+    (O'Donoghue & Candes 2015).
+    """
+    dimensions, count = axes.shape
+    gradients, losses = np.empty((1, dimensions, count), np.float32), np.empty((1, count), np.float32)
+    ahead, before = axes.copy(), axes.copy()
+    last, age, small = np.float32(np.inf), 0, 0
+    for _ in range(most):
+        add_blocks(ahead, distances, weights, 0, 1, gradients, losses)
+        loss = losses.sum()
+        rises = loss > last
+        small = small + 1 if not rises and last - loss <= enough * loss else 0
+        age = 0 if rises else age + 1
+        last = loss
+        step = gradients[0] @ inverse if len(inverse) > 0 else gradients[0] / np.float32(count)
+        axes[:] = ahead - step
+        if small == 2:
+            break
+        momentum = np.float32(max(0, age - 1) / (age + 2))
+        for axis in range(dimensions):
+            for j in range(count):
+                ahead[axis, j] = axes[axis, j] + momentum * (axes[axis, j] - before[axis, j])
+        before[:] = axes
+    add_blocks(axes, distances, weights, 0, 1, gradients, losses)
+    return losses.sum()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints
 from unbend.geodesics.unfolding import half_edge_lengths
-from unbend.geodesics.walk import walk_faces
+from unbend.geodesics.walk import sort_rings, walk_faces
 from unbend.jit import inlined, kernel
 from unbend.mesh.surface import Surface
 
@@ -41,8 +41,8 @@ class HalfEdges:
 
 def half_edges_of(surface: Surface, unit: float) -> HalfEdges:
     """Return the triangles of `surface`, ordered and oriented, with lengths in units of `unit`: O(n + m)."""
-    twins = surface.edges.twins()
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces) * (surface.scale / unit)
+    twins = sort_rings(surface.faces, surface.edges.twins(), lengths)
     faces, twins, lengths = _in_order(surface.faces, twins, lengths, *walk_faces(surface.faces, twins, lengths))
     return HalfEdges(faces, twins, lengths, _free(faces, twins), len(surface.vertices))
 

@@ -3,6 +3,7 @@
 What marching finds depends a little on the order of visits, for the update equations have more than one fixed point.
 So the order must not be the file's. We walk over the faces from one that lengths alone choose, and turn each as we
 enter it. The walk is the same when faces are listed in another order, begin at another corner, or face the other way.
+Where three or more faces meet at an edge, lengths order them, too. Among equals labels of vertices choose.
 """
 
 from __future__ import annotations
@@ -22,8 +23,7 @@ _GRADES: Final = 2.0**30
 def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
     """Return the order of a walk over faces (m, 3): breadth first, over edges of two faces.
 
-    It begins at the face with the longest circumference, and so does the walk over each part that is left. Among
-    equals, as on a regular grid, labels of vertices choose.
+    It begins at the face with the longest circumference, and so does the walk over each part that is left.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
     turned : (m,) bool
         Whether that face is to be turned around, so that it agrees with the face before it.
     """
-    grades = np.rint(lengths.reshape(-1, 3) * (_GRADES / (lengths.max() or 1.0))).astype(np.int64)
+    grades = _graded(lengths)
     around = grades.sum(axis=1)
     entries, turned = np.empty(len(faces), np.int32), np.empty(len(faces), np.bool_)
     seen = np.zeros(len(faces), np.bool_)
@@ -51,10 +51,40 @@ def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
     return entries, turned
 
 
+def sort_rings(faces: Ints, twins: Ints, lengths: Floats) -> Ints:
+    """Return twins, (3 m,), that go around each edge of several faces from the shortest circumference to the longest."""
+    sorted_twins: Ints = _sort_rings(faces, twins, _graded(lengths).sum(axis=1))
+    return sorted_twins
+
+
+def _graded(lengths: Floats) -> NDArray[np.int64]:
+    grades: NDArray[np.int64] = np.rint(lengths.reshape(-1, 3) * (_GRADES / (lengths.max() or 1.0))).astype(np.int64)
+    return grades
+
+
 def _sorted(chosen: NDArray[np.intp], faces: Ints, around: NDArray[np.int64]) -> NDArray[np.intp]:
     """Sort faces, the longest circumference first, then by their vertices."""
     first, second, third = np.sort(faces[chosen], axis=1).T
     return chosen[np.lexsort((third, second, first, -around[chosen]))]
+
+
+@kernel
+def _sort_rings(faces, twins, around):
+    result, seen, ring = twins.copy(), np.zeros(len(twins), np.bool_), np.empty(len(twins), np.int32)
+    for half_edge in range(len(twins)):
+        size, at = 0, half_edge
+        while at >= 0 and not seen[at]:
+            seen[at] = True
+            ring[size] = at
+            at, size = twins[at], size + 1
+        if size < 3:
+            continue
+        here = ring[:size]
+        here[:] = here[np.argsort(np.array([faces[side // 3, side % 3] for side in here]), kind="mergesort")]
+        here[:] = here[np.argsort(np.array([around[side // 3] for side in here]), kind="mergesort")]
+        for place in range(size):
+            result[here[place]] = here[(place + 1) % size]
+    return result
 
 
 @kernel

@@ -54,7 +54,7 @@ def _join_fans(vertex: Ints, twins: Ints, fan: Ints) -> int:
     misoriented = 0
     for half_edge in range(len(vertex)):
         twin = twins[half_edge]
-        if twin < 0 or (twin < half_edge and twins[twin] == half_edge):
+        if twin < half_edge:
             continue  # a boundary, or joined already from the other side
         tail, twin_tail = _next(half_edge), _next(twin)
         head, twin_head = _next(tail), _next(twin_tail)

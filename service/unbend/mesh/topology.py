@@ -14,9 +14,8 @@ from unbend.jit import inlined, kernel
 class Edges:
     """The undirected edges of a triangle list, found by sorting its half-edges once.
 
-    Half-edge `3 f + i` lies opposite corner `i` of face `f`. `order` sorts half-edges so that those of one edge stand
-    together; three or more stand in the order of their opposite corners. `starts` says where each edge begins in that
-    order, `counts` how many faces it has.
+    Half-edge `3 f + i` lies opposite corner `i` of face `f`. `order` sorts half-edges so that those of one
+    edge stand together; `starts` says where each edge begins in that order, `counts` how many faces it has.
     """
 
     order: Ints  # (3 m,) int32
@@ -46,7 +45,6 @@ def find_edges(faces: Ints, vertex_count: int) -> Edges:
     _sort_by_end(faces, vertex_count, True, spare, order)
     _sort_by_end(faces, vertex_count, False, order, spare)
     starts = _edge_starts(faces, spare)
-    _sort_rings(faces, spare, starts)
     return Edges(spare, starts, np.diff(starts, append=np.int32(len(spare))).astype(np.int32))
 
 
@@ -85,16 +83,6 @@ def _edge_starts(faces, order):
             count += 1
             low_before, high_before = low, high
     return starts[:count].copy()
-
-
-@kernel
-def _sort_rings(faces, order, starts):
-    """Sort the half-edges of each edge by the corner opposite them, so that the order of faces does not show."""
-    for edge in range(len(starts)):
-        ring = order[starts[edge] : starts[edge + 1] if edge + 1 < len(starts) else len(order)]
-        if len(ring) > 2:
-            corners = np.array([faces[half_edge // 3, half_edge % 3] for half_edge in ring])
-            ring[:] = ring[np.argsort(corners, kind="mergesort")]
 
 
 @kernel

@@ -74,9 +74,6 @@ START_EVENTS: Final = 224
 START_RADIUS: Final = 2.75
 """Radius, in median edges, below which the exact start goes on, for up to three times `START_EVENTS`."""
 
-SPREAD_EVENTS: Final = 64
-"""`START_EVENTS` where many fronts share a surface and each covers a small part of it."""
-
 SADDLE: Final = 1e-10
 """Shortest paths may bend at a vertex around which the angle exceeds a full turn by more than this, in radians.
 

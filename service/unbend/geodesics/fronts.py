@@ -9,7 +9,7 @@ from unbend.geodesics.marching import UNREACHED, front_arrays, march
 from unbend.geodesics.start import start_arrays, start_front
 from unbend.geodesics.stencils import SLOTS, Stencils
 from unbend.jit import kernel
-from unbend.tolerances import PLANAR_START, PLANAR_START_EDGES, SPREAD_EVENTS, START_EVENTS, START_RADIUS
+from unbend.tolerances import PLANAR_START, PLANAR_START_EDGES, START_EVENTS, START_RADIUS
 
 
 def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *, spherical: bool) -> None:
@@ -61,11 +61,11 @@ def spread(stencils, source, label, disc, distance, owner, reached, width, start
     """March from `source` where it is nearer than the sources before; update `distance`, and `owner` with `label`.
 
     So many sources cost little more than a few whole fronts, and where the fronts meet lie the borders of the geodesic
-    Voronoi diagram.
+    Voronoi diagram. Each front begins as a whole one does, so that both find the same distances.
     """
     slots, triangles = stencils
     seeds, values = start[0], front[0]
-    seeded, exact = start_front(triangles, source, SPREAD_EVENTS, 0.0, distance[source], values, start)
+    seeded, exact = start_front(triangles, source, START_EVENTS, START_RADIUS, distance[source], values, start)
     size = march(slots, seeds[:seeded], exact, distance, disc, width, reached, front)
     for index in range(size):
         v = reached[index]

@@ -13,9 +13,9 @@ from unbend.geodesics.marching import UNREACHED, front_arrays, march
 from unbend.geodesics.start import start_arrays, start_front
 from unbend.geodesics.stencils import SLOTS, Stencils
 from unbend.jit import kernel
-from unbend.tolerances import SPREAD_EVENTS
 
 _NEAR: Final = 1e-6  # a distance below this share of the reach counts as this: the sample itself has all the weight
+_EVENTS: Final = 64  # of a front's exact start: weights need no exact distances
 
 
 def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float, update: Update) -> Floats:
@@ -60,7 +60,7 @@ def _spread_values(stencils, sources, values, radius, disc, limit, total, weight
     slots, triangles = stencils
     seeds, distance = start[0], front[0]
     for row in range(len(sources)):
-        seeded, exact = start_front(triangles, sources[row], SPREAD_EVENTS, 0.0, radius, distance, start)
+        seeded, exact = start_front(triangles, sources[row], _EVENTS, 0.0, radius, distance, start)
         size = march(slots, seeds[:seeded], exact, limit, disc, width, reached, front)
         for index in range(size):
             v = reached[index]

@@ -52,7 +52,7 @@ def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
 
 
 def sort_rings(faces: Ints, twins: Ints, lengths: Floats) -> Ints:
-    """Return twins, (3 m,), that go around each edge of several faces from the shortest circumference to the longest."""
+    """Return twins, (3 m,), that go around an edge of several faces from the shortest circumference to the longest."""
     sorted_twins: Ints = _sort_rings(faces, twins, _graded(lengths).sum(axis=1))
     return sorted_twins
 

@@ -18,8 +18,8 @@ from scipy.linalg import eigh
 from sklearn.manifold import ClassicalMDS
 from sklearn.manifold import smacof as sklearn_smacof
 
-from embedding_meshes import matrices_of_meshes, matrix_of
-from embedding_studies import acceleration_table, dimension_table, order_table
+from embedding_meshes import matrices_of_meshes, matrices_of_others, matrix_of
+from embedding_studies import acceleration_table, dimension_table, minima_table, order_table
 from embedding_surfaces import surface_table
 from embedding_whole import form_table, signature_table
 from peers import DATA, ROOT, in_turns, table, write_section
@@ -40,6 +40,7 @@ def main() -> None:
         _peers(),
         acceleration_table(matrices),
         order_table(matrices),
+        minima_table(dict(matrices_of_others())),
         dimension_table(matrices),
         surface_table(),
         signature_table(),

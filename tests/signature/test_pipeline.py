@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 
 import numpy as np
@@ -78,6 +79,27 @@ def test_the_helicoid_and_the_catenoid_agree():
         apart = max(compare(helicoid, catenoid, measure), compare(helicoid, between, measure))
         assert apart < 0.2 * compare(helicoid, other, measure), measure
     assert compare(helicoid, catenoid, "surface_moments") > compare(helicoid, catenoid, "moments")
+
+
+FAMILIES = {
+    "sheet": [
+        lambda k, make=make: make(columns=20 * k, rows=10 * k) for make in (sheet, cylinder, s_bend, spiral)
+    ],
+    "helicoid": [
+        lambda k, t=t: helicoid_catenoid(t, columns=30 * k, rows=10 * k) for t in (0.0, np.pi / 4, np.pi / 2)
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_isometric_surfaces_differ_no_more_than_twice_what_the_mesh_costs(family):
+    """As `benchmarks/isometric.py`: the mesh costs what a surface is from itself on a mesh of half the edge length."""
+    signatures = [[compute_signature(bending(k)) for bending in FAMILIES[family]] for k in (1, 2, 4)]
+    for coarse, fine in itertools.pairwise(signatures):
+        for measure in ("spectrum", "combined", "moments", "distribution", "rigid", "hausdorff"):
+            apart = max(compare(*pair, measure) for pair in itertools.combinations(coarse, 2))
+            mesh = max(compare(*pair, measure) for pair in zip(coarse, fine, strict=True))
+            assert apart < 2 * mesh, (measure, len(coarse[0].points))
 
 
 @settings(max_examples=25)

@@ -30,7 +30,7 @@ Method = Literal["classical", "least_squares", "fast"]
 
 AUTO: Final = "auto"
 
-_TRIED_ITERATIONS: Final = 15
+_TRIED_ITERATIONS: Final = 8
 """Iterations of all points from each of a few starts, before the lowest goes on."""
 
 

@@ -17,6 +17,7 @@ from unbend.arrays import Floats, Indices
 from unbend.embedding.extension import extend
 from unbend.embedding.gradient import add_blocks
 from unbend.embedding.least_squares import are_equal
+from unbend.embedding.stress import stress
 from unbend.jit import kernel
 
 FEW: Final = 64
@@ -25,10 +26,13 @@ FEW: Final = 64
 TRIES: Final = 10
 """Random starts."""
 
-KEPT: Final = 2
-"""Minima of the few points that all points are tried from."""
+DIFFERENT: Final = 6
+"""Minima of the few points, the lowest, from which all points are placed."""
 
-_SAME: Final = 2e-3
+KEPT: Final = 2
+"""Of these, those of the lowest stress of all points are returned."""
+
+_SAME: Final = 1e-3
 """Minima of which one is higher by less than this share count as the same."""
 
 _STEPS: Final = 120
@@ -38,8 +42,8 @@ _DECREASE: Final = 1e-4
 """Share of the stress: the search ends when two steps in a row gain less. It only has to tell minima apart."""
 
 
-def low_starts(distances: Floats, classical: Floats, weights: Floats | None = None, seed: int = 0) -> Iterator[Floats]:
-    """Yield points, (n, m), near low minima of the stress, the lowest first.
+def low_starts(distances: Floats, classical: Floats, weights: Floats | None = None, seed: int = 0) -> list[Floats]:
+    """Return points, (n, m), near low minima of the stress, the lowest first.
 
     Parameters
     ----------
@@ -59,20 +63,26 @@ def low_starts(distances: Floats, classical: Floats, weights: Floats | None = No
     for start in (classical[few], *random_points(between, classical.shape[1], TRIES, seed)):
         axes = np.ascontiguousarray((start - start.mean(axis=0)).T / scale).astype(np.float32)
         minima.append((_descend(axes, given, pairs, inverse, _STEPS, np.float32(_DECREASE)), axes))
+    different = list(_different(minima))
     squared = ((distances[few] / scale) ** 2).astype(np.float32)
-    for axes in _different(minima):
-        found: Floats = np.ascontiguousarray(axes.T).astype(np.float64)
-        if len(few) < len(distances):
-            yield scale * extend(found, few, squared, refine=False, threads=1)
-        else:
-            yield scale * found[np.argsort(few)]
+    placed = scale * _placed(np.concatenate(different), few, squared)
+    found = np.split(placed, len(different), axis=1)
+    return sorted(found, key=lambda points: stress(points, distances, weights))[:KEPT]
+
+
+def _placed(axes: NDArray[np.float32], few: Indices, squared: NDArray[np.float32]) -> Floats:
+    """Return all points, in the unit of `axes` (m, k), placed by their squared distances (k, n) to the few."""
+    points: Floats = np.ascontiguousarray(axes.T).astype(np.float64)
+    if len(few) == squared.shape[1]:
+        return points[np.argsort(few)]
+    return extend(points, few, squared, refine=False, threads=1)
 
 
 def _different(minima: list[tuple[float, NDArray[np.float32]]]) -> Iterator[NDArray[np.float32]]:
     """Yield the lowest minima, of those that are the same only one."""
-    last, found = 0.0, 0
+    last, found = -np.inf, 0
     for loss, axes in sorted(minima, key=lambda minimum: minimum[0]):
-        if found < KEPT and (loss > last * (1.0 + _SAME) or not found):
+        if found < DIFFERENT and loss > last * (1.0 + _SAME):
             yield axes
             last, found = loss, found + 1
 

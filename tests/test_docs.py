@@ -6,6 +6,7 @@ import json
 import os
 import re
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -47,7 +48,7 @@ def test_the_file_of_settings_in_the_documents_is_read(tmp_path, monkeypatch):
 def test_every_field_is_documented_with_its_default(heading, defaults):
     section = (DOCS / "http.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     rows = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+)`? \|", section, re.MULTILINE))
-    assert rows == {name: json.dumps(value).strip('"') for name, value in defaults.as_dict().items()}
+    assert rows == {name: json.dumps(value).strip('"') for name, value in asdict(defaults).items()}
 
 
 def test_every_measure_is_explained():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import urljoin
 
@@ -111,7 +112,7 @@ def test_every_link_of_the_document_leads_to_a_call_and_its_parameters(document)
 
 
 def test_the_documented_defaults_are_those_of_the_code():
-    assert ParametersFields().model_dump() == Parameters().as_dict()
+    assert ParametersFields().model_dump() == asdict(Parameters())
     assert PolicyFields().model_dump() == MeshPolicy().as_dict()
 
 

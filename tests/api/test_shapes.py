@@ -25,7 +25,7 @@ MEDIA_TYPES = {
 }
 RECORD = {
     "id", "name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "stress",
-    "report", "warnings", "created_at", "updated_at",
+    "dimension", "report", "warnings", "created_at", "updated_at",
 }  # fmt: skip
 JOB = {
     "id", "kind", "state", "stage", "progress", "position", "attempts", "detail", "error", "shape_id", "result",
@@ -66,6 +66,22 @@ def test_an_upload_is_a_job_then_a_shape_and_the_second_time_the_shape(http):
     again = post_mesh(http, data, **fields)
     assert again.status_code == 200
     assert again.json() == shape | {"ignored": [], "updated": []}
+
+
+def test_every_parameter_can_be_chosen_and_the_record_says_the_dimension(http):
+    chosen = {
+        "samples": "auto", "tolerance": 0.2, "dimensions": "auto", "criterion": "stress", "threshold": 0.01,
+        "starts": 2, "seed": 7, "weights": "inverse", "first_sample": "random", "update": "planar", "scaling": "box",
+    }  # fmt: skip
+    data = small_mesh(202)
+    job = ended(http, post_mesh(http, data, parameters=json.dumps(chosen)))
+    shape = http.get(f"/v1/shapes/{job['shape_id']}").json()
+    expected = compute_signature(read_mesh(data), Parameters(**chosen))
+    assert shape["parameters"] == Parameters(**chosen).as_dict()
+    assert (shape["dimension"], shape["stress"]) == (expected.dimension, pytest.approx(expected.stress))
+    told = http.get(f"/v1/shapes/{shape['id']}/descriptors").json()["descriptors"]["dimension"]
+    assert told[0] == expected.dimension
+    np.testing.assert_allclose(told[1:], expected.representation_errors)
 
 
 def test_a_bad_mesh_is_a_failed_job_with_a_code_and_advice(http):
@@ -279,7 +295,7 @@ def test_a_signature_is_served_in_every_format(http, ring, file_type):
 def test_descriptors_are_those_of_the_measures(http, ring):
     told = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
     expected = compute_signature(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).descriptors
-    assert set(told) == {"spectrum", "moments", "distribution", "surface_moments"}
+    assert set(told) == {"spectrum", "moments", "distribution", "dimension", "surface_moments"}
     for name, vector in told.items():
         np.testing.assert_allclose(vector, expected[name], rtol=1e-12, atol=1e-15)
 

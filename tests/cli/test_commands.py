@@ -7,6 +7,7 @@ import os
 import pty
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,23 @@ def test_a_signature_goes_to_standard_output_as_one_json_object(folder):
     done = succeeded("signature", folder / "rings/thin.ply", "--samples", 20)
     assert json.loads(done.stdout)["parameters"] == Parameters(samples=20).as_dict()
     assert done.stderr == ""
+
+
+def test_every_parameter_is_an_option(folder):
+    chosen = {
+        "samples": "auto", "tolerance": 0.2, "dimensions": "auto", "criterion": "stress", "threshold": 0.01,
+        "starts": 2, "seed": 7, "weights": "inverse", "first_sample": "random", "update": "planar", "scaling": "box",
+        "method": "least_squares",
+    }  # fmt: skip
+    assert set(chosen) == set(asdict(Parameters()))
+    options = [word for name, value in chosen.items() for word in (f"--{name.replace('_', '-')}", value)]
+    done = succeeded("signature", folder / "rings/thin.ply", *options, run=called)
+    told, expected = (
+        json.loads(done.stdout),
+        compute_signature(read_mesh(folder / "rings/thin.ply"), Parameters(**chosen)),
+    )
+    assert told["parameters"] == Parameters(**chosen).as_dict()
+    np.testing.assert_allclose(told["points"], expected.points, atol=1e-6)
 
 
 def test_what_was_repaired_is_said_on_standard_error(tmp_path):

@@ -13,6 +13,7 @@ from scipy.spatial.distance import pdist, squareform
 from unbend import effective_dimension, embed, geodesic_matrix, representation_errors
 from unbend.embedding.least_squares import smacof
 from unbend.embedding.stress import stress
+from unbend.embedding.weighting import weights_of
 from unbend.errors import ParameterError
 from unbend.mesh.shapes import cylinder, ellipsoid, s_bend, sheet, sphere, spiral, torus
 
@@ -263,6 +264,10 @@ def test_coincident_points_stay_together():
         ({"distances": [[0, 1], [1, 0]], "method": "sammon"}, "least_squares"),
         ({"distances": [[0, 1], [1, 0]], "starts": -1}, "starts"),
         ({"distances": [[0, 1], [1, 0]], "starts": 1, "method": "classical"}, "starts"),
+        ({"distances": [[0, 1], [1, 0]], "seed": -1}, "seed"),
+        ({"distances": [[0, 1], [1, 0]], "dimensions": "auto", "criterion": "m"}, "criterion"),
+        ({"distances": [[0, 1], [1, 0]], "dimensions": "auto", "criterion": "stress", "threshold": 0}, "threshold"),
+        ({"distances": [[0, 1], [1, 0]], "dimensions": "auto", "threshold": 1}, "error must lie"),
         ({"distances": [[0, 1], [1, 0]], "threads": 0}, "threads"),
         ({"distances": [[0, 1], [1, 0]], "weights": [1.0, 0.0]}, "above zero"),
         ({"distances": [[0, 1], [1, 0]], "weights": [1.0]}, "weights of points"),
@@ -277,8 +282,67 @@ def test_wrong_arguments_are_refused(arguments, message):
         embed(**arguments)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_fewest_dimensions_by_stress_keep_it_below_the_threshold(torus_distances, method):
+    for threshold in (0.3, 0.1, 0.05):
+        found = embed(torus_distances, "auto", method=method, criterion="stress", threshold=threshold)
+        assert found.stress <= threshold
+        fewer = found.points.shape[1] - 1
+        assert fewer == 0 or embed(torus_distances, fewer, method=method).stress > threshold
+
+
+def test_the_fewest_dimensions_by_error_are_the_effective_ones(torus_distances):
+    for threshold in (0.3, 0.05, 0.02):
+        found = embed(torus_distances, "auto", threshold=threshold)
+        assert found.points.shape[1] == effective_dimension(torus_distances, error=threshold)
+
+
+def test_a_stress_that_no_space_reaches_gives_the_most_dimensions():
+    assert embed(city_block(11), "auto", method="fast", criterion="stress", threshold=1e-9).points.shape[1] == 12
+
+
+def test_the_seed_chooses_random_starts():
+    distances = city_block(9)  # on a line, where there are many minima
+    stresses = {embed(distances, 1, starts=1, seed=seed).stress for seed in range(5)}
+    assert len(stresses) > 1
+    again = embed(distances, 1, starts=1, seed=3)
+    np.testing.assert_array_equal(again.points, embed(distances, 1, starts=1, seed=3).points)
+
+
+@pytest.mark.parametrize(("rule", "power"), [("inverse", 1), ("inverse_squared", 2)])
+def test_inverse_weights_are_powers_of_the_distance_and_favour_what_is_near(torus_distances, rule, power):
+    weights = weights_of(rule, torus_distances, np.ones(len(torus_distances)))
+    ratio = weights * torus_distances**power
+    np.testing.assert_allclose(ratio[torus_distances > 0], ratio.max())
+    near = (torus_distances > 0) & (torus_distances < 0.3 * torus_distances.max())
+
+    def error_of_near(**how):
+        points = embed(torus_distances, 2, **how).points
+        return np.abs(squareform(pdist(points)) - torus_distances)[near].mean()
+
+    assert error_of_near(weights=weights) < error_of_near()
+
+
+def test_points_at_one_place_have_finite_weights():
+    distances = city_block(12)
+    distances[1], distances[:, 1] = distances[0], distances[:, 0]
+    distances[[0, 1], [1, 0]] = distances[1, 1] = 0
+    found = embed(distances, weights=weights_of("inverse_squared", distances, np.ones(len(distances))))
+    assert np.isfinite(found.points).all()
+
+
+def test_areas_weight_points_and_equal_weights_are_none():
+    areas = np.array([1.0, 2.0, 0.0])
+    distances = np.array([[0.0, 1, 2], [1, 0, 1], [2, 1, 0]])
+    assert weights_of("equal", distances, areas) is None
+    assert weights_of("inverse", np.zeros((3, 3)), areas) is None
+    weights = weights_of("area", distances, areas)
+    np.testing.assert_array_equal(weights[:2], areas[:2])
+    assert 0 < weights[2] < 1e-5
+
+
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-80, 1e80, 1e160, 1e200, 1e300])
-@pytest.mark.parametrize("method", ["least_squares", "classical", "fast"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dimensions", [2, "auto"])
 def test_any_unit_gives_the_same_points(scale, method, dimensions):
     matrix = np.array([[0, 3, 4, 5], [3, 0, 5, 4], [4, 5, 0, 3], [5, 4, 3, 0.0]])  # the corners of a rectangle

@@ -31,7 +31,7 @@ def test_the_cells_of_a_strip_are_its_halves():
     assert (diagram.nearest[x < 20] == 0).all()
     assert (diagram.nearest[x > 20] == 1).all()
     assert diagram.areas.sum() == pytest.approx(surface.area)
-    assert diagram.areas == pytest.approx([80, 80], abs=2)
+    assert diagram.areas == pytest.approx([80, 80], abs=2.01)  # whose the middle column is, ties decide
 
 
 def test_a_source_given_twice_and_parts_that_no_source_reaches():

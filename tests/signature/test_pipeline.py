@@ -228,6 +228,68 @@ def test_progress_tells_samples_rows_iterations_and_their_stress():
     assert stresses[-1] == pytest.approx(signature.stress, rel=1e-6)
 
 
+def test_samples_are_doubled_until_the_spectrum_stays():
+    surface = ellipsoid((1.0, 0.75, 0.5), subdivisions=4)  # 2562 vertices
+    seen: list[float] = []
+    rough, fine = (
+        compute_signature(
+            surface, Parameters(samples="auto", tolerance=tolerance), progress=lambda _, share: seen.append(share)
+        )
+        for tolerance in (0.05, 0.01)
+    )
+    assert len(rough.points) < len(fine.points)
+    for found, tolerance in ((rough, 0.05), (fine, 0.01)):
+        count = len(found.points)
+        half = compute_signature(surface, Parameters(samples=count // 2))
+        moved = np.abs(found.spectrum - half.spectrum).sum() / np.abs(found.spectrum).sum()
+        assert moved <= tolerance
+        np.testing.assert_array_equal(found.spectrum, compute_signature(surface, Parameters(samples=count)).spectrum)
+    halfway = seen.index(max(seen[: len(seen) // 3]))
+    assert seen[:halfway] == sorted(seen[:halfway])
+    assert max(seen) < 1
+
+
+def test_a_surface_of_few_vertices_has_no_more_samples():
+    surface = tetrahedron()
+    found = compute_signature(surface, Parameters(samples="auto", tolerance=0.001))
+    assert len(found.points) == 4
+    assert found.parameters.samples == "auto"
+
+
+def test_the_first_sample_can_be_drawn():
+    surface = sphere(subdivisions=3)
+    firsts = {
+        int(compute_signature(surface, Parameters(samples=20, first_sample="random", seed=seed)).samples[0])
+        for seed in range(6)
+    }
+    assert len(firsts) > 3
+    one, again = (
+        compute_signature(surface, Parameters(samples=20, first_sample="random", seed=5)).samples for _ in range(2)
+    )
+    np.testing.assert_array_equal(one, again)
+
+
+@pytest.mark.parametrize("weights", ["inverse", "inverse_squared", "area"])
+def test_named_weights_change_the_form_and_not_the_distances(weights):
+    surface = torus(columns=24, rows=16)
+    plain, weighted = (compute_signature(surface, Parameters(samples=80, weights=rule)) for rule in ("equal", weights))
+    assert np.abs(plain.points - weighted.points).max() > 1e-3
+    np.testing.assert_array_equal(plain.spectrum, weighted.spectrum)
+
+
+@pytest.mark.parametrize(
+    ("surface", "dimension"),
+    [(sheet(columns=30, rows=15), 2), (spiral(columns=30, rows=15), 2), (sheet(columns=60, rows=1, width=8.0), 1)],
+)
+def test_the_dimension_of_developable_sheets_is_that_of_the_plane(surface, dimension):
+    found = compute_signature(surface, Parameters(samples=60))
+    assert found.dimension == dimension
+    assert found.representation_errors.shape == (6,)
+    assert found.representation_errors[dimension - 1] <= 0.05
+    assert (np.diff(found.representation_errors) <= 0).all()
+    assert compare(found, compute_signature(sphere(3), Parameters(samples=60)), "dimension") > 0.9
+
+
 def test_signatures_cannot_be_changed():
     signature = compute_signature(tetrahedron())
     with pytest.raises(ValueError, match="read-only"):

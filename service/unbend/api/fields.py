@@ -13,14 +13,15 @@ from fastapi import Path
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from unbend.embedding.dimension import MAX_DIMENSIONS
-from unbend.embedding.embed import Method
+from unbend.embedding.embed import MAX_STARTS, Criterion, Method
+from unbend.embedding.weighting import Weighting
 from unbend.geodesics.distances import Update
 from unbend.jsons import as_whole
 from unbend.library.ranking import MOST_PAIRS
 from unbend.matching.classification.registry import CLASSIFIERS
 from unbend.matching.measures.registry import MEASURES, PAIR_MEASURES, VECTOR_MEASURES
 from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components, Seams
-from unbend.signature.parameters import MAX_SAMPLES, Scaling
+from unbend.signature.parameters import MAX_SAMPLES, MAX_SEED, FirstSample, Scaling
 
 EXAMPLE_ID: Final = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
 
@@ -39,13 +40,22 @@ class ParametersFields(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"samples": 300}]})
 
-    samples: int = Field(300, ge=4, le=MAX_SAMPLES, description="Farthest point samples.")
+    samples: Annotated[int, Field(ge=4, le=MAX_SAMPLES)] | Literal["auto"] = Field(
+        300, description="Farthest point samples; `auto` doubles them until the spectrum moves by `tolerance` at most."
+    )
     dimensions: Annotated[int, Field(ge=1, le=MAX_DIMENSIONS)] | Literal["auto"] = Field(
-        3, description="Of the signature's space; `auto` is the surface's effective dimension."
+        3, description="Of the signature's space; `auto` is the fewest within `threshold` by `criterion`."
     )
     method: Method = Field("least_squares", description="How samples are embedded.")
     update: Update = Field("spherical", description="How fast marching crosses a triangle.")
     scaling: Scaling = Field("area", description="What is made 1.")
+    first_sample: FirstSample = Field("end", description="Where sampling begins; `seed` draws a `random` vertex.")
+    starts: int = Field(0, ge=0, le=MAX_STARTS, description="Further random starts of least squares.")
+    seed: int = Field(0, ge=0, le=MAX_SEED, description="Of all that is random.")
+    weights: Weighting = Field("equal", description="Of pairs in the stress: 1, 1/d, 1/d^2, or by area.")
+    criterion: Criterion = Field("error", description="What `threshold` bounds: eq. 6, or the stress of eq. 2.")
+    threshold: float = Field(0.05, gt=0, lt=1, description="For `dimensions` `auto`.")
+    tolerance: float = Field(0.02, gt=0, lt=1, description="For `samples` `auto`: share of the spectrum.")
 
 
 class PolicyFields(BaseModel):

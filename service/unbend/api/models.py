@@ -42,6 +42,9 @@ class Shape(BaseModel):
     version: str = Field(description="Of the algorithm; signatures of different versions are not compared.")
     area: float = Field(description="Of the surface, in squared units of the file.")
     stress: float = Field(description="Eq. 2 of the paper: 0 where the signature has exactly the geodesic distances.")
+    dimension: int | None = Field(
+        description="Effective dimension, itself a bending invariant; null for signatures of version 4 or earlier."
+    )
     report: dict[str, Any] = Field(description="What reading the mesh found and repaired; `notes` in plain words.")
     warnings: list[str] = Field(description=_WARNINGS, examples=[[_WARNING]])
     created_at: datetime

@@ -19,6 +19,11 @@ T = TypeVar("T")
 
 AUTO = "auto"
 METHODS = ("least_squares", "classical", "fast")
+UPDATES = ("spherical", "planar")
+SCALINGS = ("area", "box")
+FIRST_SAMPLES = ("end", "random")
+WEIGHTINGS = ("equal", "inverse", "inverse_squared", "area")
+CRITERIA = ("error", "stress")
 
 Values = dict[str, Any]
 """What a group of options says, by field: as the clients send it, and as `from_dict` takes it."""
@@ -48,21 +53,49 @@ def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
     return add
 
 
-def _dimensions(value: str) -> int | str:
+def _count(value: str) -> int | str:
     return AUTO if value == AUTO else int(value)
 
 
 parameter_options = _group(
     "parameters",
     {
-        "--samples": {"type": int, "default": 300, "help": "Farthest point samples."},
+        "--samples": {
+            "type": _count,
+            "metavar": "N|auto",
+            "default": 300,
+            "help": 'Farthest point samples; "auto" doubles them until the spectrum stays.',
+        },
         "--dimensions": {
-            "type": _dimensions,
+            "type": _count,
             "metavar": "N|auto",
             "default": 3,
             "help": 'Of the space; "auto" finds how many.',
         },
         "--method": {"type": click.Choice(METHODS), "default": "least_squares", "help": "How samples are embedded."},
+        "--update": {"type": click.Choice(UPDATES), "default": "spherical", "help": "How marching crosses a triangle."},
+        "--scaling": {"type": click.Choice(SCALINGS), "default": "area", "help": "What is made 1."},
+        "--first-sample": {"type": click.Choice(FIRST_SAMPLES), "default": "end", "help": "Where sampling begins."},
+        "--starts": {
+            "metavar": "N",
+            "type": int,
+            "default": 0,
+            "help": "Further random starts of least squares.",
+        },
+        "--seed": {"metavar": "N", "type": int, "default": 0, "help": "Of all that is random."},
+        "--weights": {"type": click.Choice(WEIGHTINGS), "default": "equal", "help": "Of pairs in the stress."},
+        "--criterion": {
+            "type": click.Choice(CRITERIA),
+            "default": "error",
+            "help": 'What --threshold bounds where --dimensions is "auto": eq. 6, or the stress.',
+        },
+        "--threshold": {"metavar": "X", "type": float, "default": 0.05, "help": 'Of --dimensions "auto".'},
+        "--tolerance": {
+            "metavar": "X",
+            "type": float,
+            "default": 0.02,
+            "help": 'Of --samples "auto": by what share the spectrum may move.',
+        },
     },
 )
 policy_options = _group(

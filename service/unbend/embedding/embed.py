@@ -17,18 +17,23 @@ from unbend.embedding.checks import (
     scaled_back,
 )
 from unbend.embedding.classical import classical_scaling
-from unbend.embedding.dimension import effective_dimension
+from unbend.embedding.dimension import MAX_DIMENSIONS, effective_dimension
 from unbend.embedding.fast import fastmap
 from unbend.embedding.least_squares import Progress, smacof
 from unbend.embedding.starts import low_starts, random_points
 from unbend.embedding.stress import stress
 from unbend.errors import ParameterError
 from unbend.threads import check_threads
-from unbend.tolerances import SMACOF_ITERATIONS
+from unbend.tolerances import REPRESENTATION_ERROR, SMACOF_ITERATIONS
 
 Method = Literal["classical", "least_squares", "fast"]
 
+Criterion = Literal["error", "stress"]
+
 AUTO: Final = "auto"
+
+MAX_STARTS: Final = 20
+"""Of `Parameters`; a call of `embed` may take more."""
 
 _TRIED_ITERATIONS: Final = 8
 """Iterations of all points from each of a few starts, before the lowest goes on."""
@@ -63,6 +68,9 @@ def embed(
     method: Method = "least_squares",
     weights: ArrayLike | None = None,
     starts: int = 0,
+    seed: int = 0,
+    criterion: Criterion = "error",
+    threshold: float = REPRESENTATION_ERROR,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Embedding:
@@ -73,7 +81,7 @@ def embed(
     distances : (n, n) array
         Symmetric, finite, not negative, zero on the diagonal; plain distances, not squared.
     dimensions : int or "auto", default 3
-        "auto" takes the effective dimension: the fewest with a representation error of at most 5 %, up to 12.
+        "auto" takes the fewest in which `criterion` is at most `threshold`, up to 12.
     method : {"least_squares", "classical", "fast"}
         Accelerated SMACOF from the lowest of many minima of a few points (lowest stress), classical scaling, or
         FastMap (fewest operations). The stress of the first is never above that of the others.
@@ -82,8 +90,14 @@ def embed(
         above zero, such as the area each stands for: for "classical", and for "least_squares", where w_ij is the
         product of both, each over their mean.
     starts : int, default 0
-        Further starts of "least_squares", with all points at random places, the same on every run. The lowest stress
-        wins.
+        Further starts of "least_squares", with all points at random places. The lowest stress wins.
+    seed : int, default 0
+        Of random places, not negative: the same seed gives the same points on every run.
+    criterion : {"error", "stress"}
+        For `dimensions` "auto": the representation error of eq. 6, as `effective_dimension` has it, or the stress of
+        eq. 2 by this method.
+    threshold : float, default 0.05
+        Above 0 and below 1.
     threads : int, optional
         All cores by default. The result does not depend on it.
     progress : callable, optional
@@ -105,10 +119,18 @@ def embed(
         raise ParameterError(f"method must be one of {get_args(Method)}, not {method!r}")
     if not _is_count(starts) or (starts and method != "least_squares"):
         raise ParameterError(f"starts must be a whole number from 0, for least_squares only, not {starts!r}")
+    if not _is_count(seed):
+        raise ParameterError(f"seed must be a whole number from 0, not {seed!r}")
     check_threads(threads)
     pairs, shares = _checked_weights(weights, method, len(matrix))
     pairs, heaviness = (None, 0) if pairs is None else in_range(pairs)
-    found = _embedded(matrix, _checked_dimensions(dimensions, matrix), method, pairs, shares, starts, threads, progress)
+    search = _Search(matrix, method, pairs, shares, starts, seed, threads, progress)
+    if dimensions == AUTO:
+        found = _fewest(search, criterion, threshold)
+    elif _is_count(dimensions) and dimensions > 0:
+        found = _embedded(search, int(dimensions))
+    else:
+        raise ParameterError(f'dimensions must be a whole number from 1, or "auto", not {dimensions!r}')
     return replace(
         found,
         points=scaled_back(found.points, unit),
@@ -117,41 +139,67 @@ def embed(
     )
 
 
-def _embedded(
-    matrix: Floats,
-    wanted: int,
-    method: Method,
-    pairs: Floats | None,
-    shares: Floats | None,
-    starts: int,
-    threads: int | None,
-    progress: Progress | None,
-) -> Embedding:
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What is embedded, and how; checked."""
+
+    matrix: Floats
+    method: Method
+    pairs: Floats | None
+    shares: Floats | None
+    starts: int
+    seed: int
+    threads: int | None
+    progress: Progress | None
+
+
+def _fewest(search: _Search, criterion: Criterion, threshold: float) -> Embedding:
+    """Embed in the fewest dimensions in which the criterion is at most the threshold, or the most there may be."""
+    if criterion not in get_args(Criterion):
+        raise ParameterError(f"criterion must be one of {get_args(Criterion)}, not {criterion!r}")
+    if criterion == "error":
+        return _embedded(search, effective_dimension(search.matrix, error=threshold))
+    if not 0 < threshold < 1:
+        raise ParameterError(f"threshold must lie between 0 and 1, not {threshold!r}")
+    for dimensions in range(1, MAX_DIMENSIONS + 1):
+        found = _embedded(search, dimensions)
+        if found.stress <= threshold:
+            break
+    return found
+
+
+def _embedded(search: _Search, dimensions: int) -> Embedding:
+    matrix, method = search.matrix, search.method
     if method == "fast":
-        points, clipped = fastmap(matrix, wanted)
+        points, clipped = fastmap(matrix, dimensions)
         return Embedding(points, stress(points, matrix), 0, np.empty(0), clipped=clipped)
-    points, eigenvalues = classical_scaling(matrix, wanted, shares)
+    points, eigenvalues = classical_scaling(matrix, dimensions, search.shares)
     if method == "classical":
         return Embedding(points, stress(points, matrix), 0, eigenvalues)
+    return replace(_least_squares(search, points), eigenvalues=eigenvalues)
 
+
+def _least_squares(search: _Search, classical: Floats) -> Embedding:
+    matrix, pairs, dimensions = search.matrix, search.pairs, classical.shape[1]
     made = 0
     lowest = np.inf
 
     def report(_: int, value: float) -> None:
         nonlocal made, lowest
         made, lowest = made + 1, min(lowest, value)
-        if progress is not None:
-            progress(made, lowest)
+        if search.progress is not None:
+            search.progress(made, lowest)
 
     def scaled(start: Floats, iterations: int = SMACOF_ITERATIONS) -> Embedding:
-        found, _ = smacof(matrix, start, pairs, iterations=iterations, threads=threads, progress=report)
-        return Embedding(found, stress(found, matrix, pairs), 0, eigenvalues)
+        points, _ = smacof(matrix, start, pairs, iterations=iterations, threads=search.threads, progress=report)
+        return Embedding(points, stress(points, matrix, pairs), 0, np.empty(0))
 
-    tried = [scaled(start, _TRIED_ITERATIONS) for start in (points, *low_starts(matrix, points, pairs))]
+    low = low_starts(matrix, classical, pairs, search.seed)
+    tried = [scaled(start, _TRIED_ITERATIONS) for start in (classical, *low)]
     found = [scaled(min(tried, key=_stress_of).points)]
-    found += [scaled(start) for start in random_points(matrix, wanted, starts)]
+    found += [scaled(start) for start in random_points(matrix, dimensions, search.starts, search.seed)]
     best = min(found, key=_stress_of)
-    for other in (points, fastmap(matrix, wanted)[0]):  # so that neither of these methods has a lower stress
+    for other in (classical, fastmap(matrix, dimensions)[0]):  # so that neither of these methods has a lower stress
         if stress(other, matrix, pairs) < best.stress:
             best = min(best, scaled(other), key=_stress_of)
     return replace(best, iterations=made)
@@ -159,14 +207,6 @@ def _embedded(
 
 def _stress_of(embedding: Embedding) -> float:
     return embedding.stress
-
-
-def _checked_dimensions(dimensions: object, matrix: Floats) -> int:
-    if dimensions == AUTO:
-        return effective_dimension(matrix)
-    if not _is_count(dimensions) or dimensions == 0:
-        raise ParameterError(f'dimensions must be a whole number from 1, or "auto", not {dimensions!r}')
-    return int(dimensions)
 
 
 def _is_count(value: object) -> TypeGuard[int]:

@@ -84,14 +84,14 @@ def sample_farthest(
     vertex = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
     wanted = [1, 1, count] if start is None else [count]
     for number in wanted:  # a single sample's farthest vertex is where the next search starts
-        samples, owner, distance = _sample(stencils, usable, vertex, number, progress)
+        samples, owner, distance = _sample(stencils, usable, vertex_at, vertex, number, progress)
         vertex = int(np.where(usable & np.isfinite(distance), distance, -1.0).argmax())
     radius = float(distance[usable & np.isfinite(distance)].max(initial=0.0)) * stencils.unit
     return Sampling(vertex_at[samples].astype(np.int64), owner[stencils.place], radius)
 
 
 def _sample(
-    stencils: Stencils, usable: Bools, first: int, count: int, progress: Callable[[int], None] | None
+    stencils: Stencils, usable: Bools, labels: Indices, first: int, count: int, progress: Callable[[int], None] | None
 ) -> tuple[Ints, Ints, NDArray[np.float32]]:
     """Return `count` samples from `first` on, each vertex's nearest sample, and its distance in median edges."""
     size = stencils.vertex_count
@@ -101,7 +101,7 @@ def _sample(
     for begin in range(0, count, _AT_A_TIME):
         end = min(count, begin + _AT_A_TIME)
         vertex = _sample_on(
-            stencils.arrays, free, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
+            stencils.arrays, free, labels, vertex, begin, end, samples, distance, owner, reached, SLOTS, start, front
         )
         if progress:
             progress(end)
@@ -109,25 +109,28 @@ def _sample(
 
 
 @kernel
-def _sample_on(stencils, free, vertex, begin, end, samples, distance, owner, reached, width, start, front):
+def _sample_on(stencils, free, labels, vertex, begin, end, samples, distance, owner, reached, width, start, front):
     """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the one that would be next."""
     for number in range(begin, end):
         samples[number] = vertex
         free[vertex] = False
         spread(stencils, vertex, number, np.inf, distance, owner, reached, width, start, front)
-        vertex = _farthest(distance, free)
+        vertex = _farthest(distance, free, labels)
     return vertex
 
 
 @kernel
-def _farthest(distance, usable):
-    """Return the first of the farthest vertices: on symmetric surfaces rounding must not choose among equals."""
+def _farthest(distance, usable, labels):
+    """Return the farthest vertex, of equals that of the lowest label.
+
+    On symmetric surfaces rounding must not choose, so that bendings of one mesh have the same samples.
+    """
     largest = np.float32(-1.0)
     for vertex in range(len(distance)):
         if usable[vertex] and distance[vertex] > largest:
             largest = distance[vertex]
-    enough = largest * _TIE
+    enough, first = largest * _TIE, -1
     for vertex in range(len(distance)):
-        if usable[vertex] and distance[vertex] >= enough:
-            return vertex
-    return -1
+        if usable[vertex] and distance[vertex] >= enough and (first < 0 or labels[vertex] < labels[first]):
+            first = vertex
+    return first

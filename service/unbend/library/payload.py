@@ -32,6 +32,7 @@ class PackedSignature:
     vectors: Mapping[str, bytes]
     """Its descriptors."""
     warnings: tuple[str, ...] = ()
+    dimension: int | None = None
 
     @classmethod
     def of(cls, signature: Signature) -> Self:
@@ -39,7 +40,9 @@ class PackedSignature:
         vectors = {name: pack_vector(vector) for name, vector in signature.descriptors.items()}
         parameters = signature.parameters.to_json()
         payload = pack_signature(signature)
-        return cls(parameters, signature.version, signature.stress, payload, vectors, signature.warnings)
+        return cls(
+            parameters, signature.version, signature.stress, payload, vectors, signature.warnings, signature.dimension
+        )
 
     def unpack(self) -> Signature:
         """Return the signature."""

@@ -26,6 +26,8 @@ class ShapeRecord:
     version: str
     area: float
     stress: float
+    dimension: int | None
+    """Effective dimension; None where the signature is of version 4 or earlier."""
     report: dict[str, Any]
     warnings: list[str]
     """Sentences that say why its signature may be wrong, and what to do."""

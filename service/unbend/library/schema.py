@@ -68,6 +68,7 @@ signatures = Table(
     Column("stress", Float, nullable=False),
     Column("payload", LargeBinary, nullable=False),
     Column("warnings", JSON, nullable=False, server_default="[]"),
+    Column("dimension", Integer),
     UniqueConstraint("mesh_sha256", "parameters", "policy", "version"),
     comment="What was computed: one row for a file, parameters, reading policy and version of the algorithm.",
 )

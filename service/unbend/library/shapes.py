@@ -30,7 +30,7 @@ _UNSHOWN: Final = "the metadata is nested too deeply to be shown: set it anew"
 _COLUMNS = (
     shapes.c.id, shapes.c.name, shapes.c.label, _METADATA, meshes.c.sha256, meshes.c.size,
     signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
-    signatures.c.report, signatures.c.warnings, shapes.c.created_at,
+    signatures.c.dimension, signatures.c.report, signatures.c.warnings, shapes.c.created_at,
     shapes.c.updated_at, shapes.c.changed, shapes.c.seq,
 )  # fmt: skip
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
@@ -143,7 +143,7 @@ def add_shape(connection: Connection, new: NewShape) -> str:
         {
             "mesh_sha256": new.sha256, "parameters": new.key.parameters, "policy": new.key.policy,
             "version": new.key.version, "report": new.report, "area": new.area, "stress": packed.stress,
-            "payload": packed.payload, "warnings": list(packed.warnings),
+            "payload": packed.payload, "warnings": list(packed.warnings), "dimension": packed.dimension,
         },
     )  # fmt: skip
     connection.execute(

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, get_args
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Final, Literal, get_args
 
 from unbend.embedding.dimension import MAX_DIMENSIONS
-from unbend.embedding.embed import AUTO, Method
+from unbend.embedding.embed import AUTO, MAX_STARTS, Criterion, Method
+from unbend.embedding.weighting import Weighting
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import Update
 from unbend.jsons import JsonObject
 
 Scaling = Literal["area", "box"]
 
+FirstSample = Literal["end", "random"]
+
+Samples = int | Literal["auto"]
+
 Dimensions = int | Literal["auto"]
 
 MAX_SAMPLES: Final = 5000
+
+MAX_SEED: Final = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -24,11 +31,11 @@ class Parameters(JsonObject):
 
     Parameters
     ----------
-    samples : int, default 300
-        Farthest point samples, 4 to 5000; all vertices where the surface has fewer.
+    samples : int or "auto", default 300
+        Farthest point samples, 4 to 5000; all vertices where the surface has fewer. "auto" doubles them, from 64 on,
+        until the spectrum moves by at most `tolerance`.
     dimensions : int or "auto", default 3
-        Of the space the signature lives in, 1 to 12; "auto" is the surface's effective dimension
-        (`effective_dimension`).
+        Of the space the signature lives in, 1 to 12; "auto" takes the fewest within `threshold` by `criterion`.
     method : {"least_squares", "classical", "fast"}
         How samples are embedded.
     update : {"spherical", "planar"}
@@ -37,6 +44,21 @@ class Parameters(JsonObject):
         What is made 1: the area of the surface, or the longest side of the signature's bounding box (the
         paper's). Area is the default, for a box hangs on the few points that touch it. Descriptors are always
         those for area 1.
+    first_sample : {"end", "random"}
+        Where sampling begins: at an end of the surface, or at a vertex that `seed` draws.
+    starts : int, default 0
+        Further starts of least squares at random points, up to 20; the lowest stress wins.
+    seed : int, default 0
+        Of all that is random, 0 to 2^32 - 1.
+    weights : {"equal", "inverse", "inverse_squared", "area"}
+        Of pairs in eq. 2: 1, 1 / d, 1 / d^2, or the product of the areas that both samples stand for. The middle two
+        are for "least_squares" only; "area" is not for "fast".
+    criterion : {"error", "stress"}
+        What `threshold` bounds where `dimensions` is "auto": the representation error of eq. 6, or the stress of eq. 2.
+    threshold : float, default 0.05
+        Above 0 and below 1.
+    tolerance : float, default 0.02
+        Above 0 and below 1: by what share of its length, in L1, the spectrum may still move where `samples` is "auto".
 
     Raises
     ------
@@ -46,24 +68,71 @@ class Parameters(JsonObject):
 
     called: ClassVar = "parameters"
 
-    samples: int = 300
+    samples: Samples = 300
     dimensions: Dimensions = 3
     method: Method = "least_squares"
     update: Update = "spherical"
     scaling: Scaling = "area"
+    first_sample: FirstSample = "end"
+    starts: int = 0
+    seed: int = 0
+    weights: Weighting = "equal"
+    criterion: Criterion = "error"
+    threshold: float = 0.05
+    tolerance: float = 0.02
 
     def __post_init__(self) -> None:
-        _check_int("samples", self.samples, 4, MAX_SAMPLES)
+        if self.samples != AUTO:
+            _check_int("samples", self.samples, 4, MAX_SAMPLES, f'or "{AUTO}", ')
         if self.dimensions != AUTO:
             _check_int("dimensions", self.dimensions, 1, MAX_DIMENSIONS, f'or "{AUTO}", ')
-        _check_choice("method", self.method, get_args(Method))
-        _check_choice("update", self.update, get_args(Update))
-        _check_choice("scaling", self.scaling, get_args(Scaling))
+        _check_int("starts", self.starts, 0, MAX_STARTS)
+        _check_int("seed", self.seed, 0, MAX_SEED)
+        for name, choices in _CHOICES.items():
+            _check_choice(name, getattr(self, name), get_args(choices))
+        _check_share("threshold", self.threshold)
+        _check_share("tolerance", self.tolerance)
+        _check_method(self.method, self.weights, self.starts)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain JSON values, of the later ones those that are not at their default.
+
+        So the text stays what it was before there were more fields, and stored signatures are found by it.
+        """
+        defaults = {field.name: field.default for field in fields(self)}
+        return {name: value for name, value in super().as_dict().items() if name in _FIRST or value != defaults[name]}
+
+
+_FIRST: Final = ("samples", "dimensions", "method", "update", "scaling")
+
+_CHOICES: Final = {
+    "method": Method,
+    "update": Update,
+    "scaling": Scaling,
+    "first_sample": FirstSample,
+    "weights": Weighting,
+    "criterion": Criterion,
+}
+
+
+def _check_method(method: Method, weights: Weighting, starts: int) -> None:
+    """Raise ParameterError where the method has no use for what is asked."""
+    if starts and method != "least_squares":
+        raise ParameterError(f"starts go with the method least_squares only, not with {method}")
+    if weights.startswith("inverse") and method != "least_squares":
+        raise ParameterError(f"weights {weights} go with the method least_squares only, not with {method}")
+    if weights == "area" and method == "fast":
+        raise ParameterError("weights area go with the methods least_squares and classical only, not with fast")
 
 
 def _check_int(name: str, value: object, least: int, most: int, other: str = "") -> None:
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise ParameterError(f"{name} must be a whole number from {least} to {most}, {other}not {value!r}")
+
+
+def _check_share(name: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        raise ParameterError(f"{name} must be a number above 0 and below 1, not {value!r}")
 
 
 def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:

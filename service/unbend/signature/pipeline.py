@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Self
+from functools import partial
+from typing import Final, Self
 
 import numpy as np
 
 from unbend.arrays import Floats, Ints
+from unbend.descriptors.dimension import dimension_vector
 from unbend.descriptors.distribution import distance_distribution
 from unbend.descriptors.moments import moments
 from unbend.descriptors.pose import principal_pose
 from unbend.descriptors.quadrature import surface_quadrature
 from unbend.descriptors.spectrum import geodesic_spectrum
-from unbend.embedding.embed import embed
+from unbend.embedding.embed import AUTO, embed
+from unbend.embedding.weighting import weights_of
 from unbend.errors import MeshGeometryError
 from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.sampling import sample_farthest
 from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.surface import Surface
 from unbend.signature.connectivity import signature_faces
-from unbend.signature.parameters import Parameters
+from unbend.signature.parameters import MAX_SAMPLES, Parameters
 from unbend.signature.signature import Signature
 from unbend.tolerances import DOUBTFUL_ASYMMETRY
 
@@ -29,6 +32,7 @@ Progress = Callable[[str, float], None]
 
 # Where each stage begins, as a share of the whole. The distance rows are nearly all of the work.
 _SAMPLING, _GEODESICS, _EMBEDDING, _DESCRIBING = 0.02, 0.1, 0.85, 0.98
+_FEWEST_SAMPLES: Final = 64
 _MANY_ITERATIONS = 100  # after so many, half of the embedding's share is shown as done
 
 
@@ -81,8 +85,30 @@ def compute_signature(
     report = progress or (lambda _stage, _share: None)
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
+    if chosen.samples == AUTO:
+        return _by_doubling(surface, chosen, report, threads)
+    return _computed(surface, chosen, min(int(chosen.samples), len(surface.used_vertices)), report, threads)
 
-    count = min(chosen.samples, len(surface.used_vertices))
+
+def _by_doubling(surface: Surface, chosen: Parameters, report: Progress, threads: int | None) -> Signature:
+    """Double the samples until the spectrum hardly moves, or there are no more vertices."""
+    most = min(MAX_SAMPLES, len(surface.used_vertices))
+    count, begin = min(_FEWEST_SAMPLES, most), 0.0
+
+    def report_half(stage: str, share: float, begin: float = 0.0) -> None:
+        report(stage, begin + share * (1.0 - begin) / 2)  # nobody knows how many rounds are left
+
+    found = _computed(surface, chosen, count, report_half, threads)
+    moves = np.inf
+    while moves > chosen.tolerance and count < most:
+        count, begin, before = min(2 * count, most), (1.0 + begin) / 2, found.spectrum
+        found = _computed(surface, chosen, count, partial(report_half, begin=begin), threads)
+        moves = np.abs(found.spectrum - before).sum() / np.abs(found.spectrum).sum()
+    return found
+
+
+def _computed(surface: Surface, chosen: Parameters, count: int, report: Progress, threads: int | None) -> Signature:
+    """Compute the signature with `count` samples."""
 
     def report_samples(made: int) -> None:
         share = _SAMPLING + made / count * (_GEODESICS - _SAMPLING)
@@ -92,13 +118,18 @@ def compute_signature(
         stage = Stage("geodesics", row=round(share * count), rows=count)
         report(stage, _GEODESICS + share * (_EMBEDDING - _GEODESICS))
 
+    most_made = 0
+
     def report_iteration(made: int, stress: float) -> None:
-        share = _EMBEDDING + made / (made + _MANY_ITERATIONS) * (_DESCRIBING - _EMBEDDING)
+        nonlocal most_made
+        most_made = max(most_made, made)  # in another number of dimensions they are counted anew
+        share = _EMBEDDING + most_made / (most_made + _MANY_ITERATIONS) * (_DESCRIBING - _EMBEDDING)
         report(Stage("embedding", iteration=made, stress=stress), share)
 
     report_samples(0)
     stencils = stencils_of(surface)
-    sampling = sample_farthest(surface, stencils, count, progress=report_samples)
+    sampling = sample_farthest(surface, stencils, count, start=_first_sample(surface, chosen), progress=report_samples)
+    weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)
 
     report_rows(0.0)
     samples = sampling.samples.astype(np.int32)
@@ -108,11 +139,12 @@ def compute_signature(
 
     report(Stage("embedding"), _EMBEDDING)
     embedding = embed(
-        matrix.distances, chosen.dimensions, method=chosen.method, threads=threads, progress=report_iteration
-    )
+        matrix.distances, chosen.dimensions, method=chosen.method,
+        weights=weights_of(chosen.weights, matrix.distances, weights), starts=chosen.starts, seed=chosen.seed,
+        criterion=chosen.criterion, threshold=chosen.threshold, threads=threads, progress=report_iteration,
+    )  # fmt: skip
 
     report(Stage("describing"), _DESCRIBING)
-    weights = _cell_areas(surface.vertex_areas, sampling.nearest, count)
     posed = principal_pose(embedding.points, weights)
     faces = signature_faces(surface, sampling.samples, sampling.nearest, matrix.distances)
     scale = _scale(posed, surface.area, chosen)
@@ -128,6 +160,12 @@ def compute_signature(
         parameters=chosen,
         warnings=(*surface.report.warnings, *_doubts(matrix.asymmetry)),
     )
+
+
+def _first_sample(surface: Surface, chosen: Parameters) -> int | None:
+    if chosen.first_sample == "end":
+        return None
+    return int(np.random.default_rng(chosen.seed).choice(surface.used_vertices))
 
 
 def _doubts(asymmetry: float) -> tuple[str, ...]:
@@ -157,6 +195,7 @@ def _describe(surface: Surface, posed: Floats, faces: Ints, distances: Floats, w
         "spectrum": geodesic_spectrum(unit, weights),
         "moments": moments(*surface_quadrature(points, faces, weights)),
         "distribution": distance_distribution(unit, points, weights),
+        "dimension": dimension_vector(distances),
         "surface_moments": _surface_moments(surface),
     }
 

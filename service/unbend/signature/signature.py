@@ -62,6 +62,16 @@ class Signature:
         return self.descriptors["distribution"]
 
     @property
+    def dimension(self) -> int | None:
+        """Effective dimension, 1 to 12: itself a bending invariant (section 3); None in signatures of version 4."""
+        return int(self.descriptors["dimension"][0]) if "dimension" in self.descriptors else None
+
+    @property
+    def representation_errors(self) -> Floats | None:
+        """Eq. 6 in 1 to 6 dimensions, (6,); None in signatures of version 4."""
+        return self.descriptors["dimension"][1:] if "dimension" in self.descriptors else None
+
+    @property
     def surface_moments(self) -> Floats:
         """The same moments of the surface as it stands in space, not bending-invariant: for comparison."""
         return self.descriptors["surface_moments"]

@@ -89,10 +89,12 @@ async def fill(library: Library) -> None:
     error = {"code": "mesh_read", "message": "the file ends early", "advice": "Export it again."}
     end(await claimed("shape", 1.2, about("broken")), "failed", error=error)
     end(await claimed("query", 1.3, QUERY), "cancelled", error=error)
-    await claimed("shape", 1.4, about("running"))
+    await runner.submit("shape", upload(1.4), about("running"))
     await runner.submit("shape", upload(1.5), about("waiting"))
     await runner.submit("query", upload(1.6), QUERY)
-    await runner.stop()
+    await runner.stop()  # puts what runs back into the queue
+    with library.store.write() as connection:
+        queue.claim(connection)
 
 
 def add_keys(library: Library) -> None:

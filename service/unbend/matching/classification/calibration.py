@@ -28,10 +28,11 @@ class Calibration:
 
 CALIBRATIONS: Final[Mapping[str, Calibration]] = MappingProxyType(
     {
-        "spectrum": Calibration({"nearest": 8.1, "vote": 4.4, "mean": 7.4, "discriminants": 11}, 1.46),
-        "combined": Calibration({"nearest": 8.9, "vote": 4.4, "mean": 7.3, "discriminants": 10}, 1.46),
-        "moments": Calibration({"nearest": 5.5, "vote": 3.2, "mean": 4.7, "discriminants": 5.1}, 1.33),
-        "distribution": Calibration({"nearest": 2.7, "vote": 2, "mean": 2.3, "discriminants": 6.3}, 1.49),
+        "spectrum": Calibration({"nearest": 8, "vote": 4.4, "mean": 7.4, "discriminants": 11}, 1.38),
+        "combined": Calibration({"nearest": 8.9, "vote": 4.5, "mean": 7.2, "discriminants": 10}, 1.44),
+        "moments": Calibration({"nearest": 5.5, "vote": 3.1, "mean": 4.7, "discriminants": 5.2}, 1.27),
+        "distribution": Calibration({"nearest": 2.7, "vote": 2.1, "mean": 2.3, "discriminants": 6.2}, 1.48),
+        "dimension": Calibration({"nearest": 1.5, "vote": 1.3, "mean": 1.7, "discriminants": 3.1}, 1.24),
         "surface_moments": Calibration({"nearest": 2.9, "vote": 2.1, "mean": 2.6, "discriminants": 3.8}, 0.77),
     }
 )

@@ -8,6 +8,7 @@ from typing import Final
 
 from unbend.errors import ParameterError
 from unbend.matching.measures.combined import COMBINED
+from unbend.matching.measures.dimension import DIMENSION
 from unbend.matching.measures.distribution import DISTRIBUTION
 from unbend.matching.measures.hausdorff import HAUSDORFF
 from unbend.matching.measures.moments import MOMENTS, SURFACE_MOMENTS
@@ -17,7 +18,7 @@ from unbend.matching.measures.spectrum import SPECTRUM
 from unbend.signature.signature import Signature
 
 VECTOR_MEASURES: Final[Mapping[str, VectorMeasure]] = MappingProxyType(
-    {measure.name: measure for measure in (SPECTRUM, COMBINED, MOMENTS, DISTRIBUTION, SURFACE_MOMENTS)}
+    {measure.name: measure for measure in (SPECTRUM, COMBINED, MOMENTS, DISTRIBUTION, DIMENSION, SURFACE_MOMENTS)}
 )
 
 PAIR_MEASURES: Final[Mapping[str, PairMeasure]] = MappingProxyType(

@@ -18,8 +18,8 @@ from retrieval_data import half, listed, signatures_of
 from unbend.arrays import Floats, Indices
 from unbend.matching.evaluate import RetrievalFigures, evaluate
 from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
-from unbend.matching.measures.alignment import Residuals, Search, align
-from unbend.matching.measures.hausdorff import larger_mean
+from unbend.matching.measures.alignment import Search, align
+from unbend.matching.measures.hausdorff import farthest, larger_mean
 from unbend.matching.measures.rigid import RIGID, root_mean_square
 from unbend.matching.rerank import rerank
 from unbend.signature.parameters import Parameters
@@ -33,12 +33,7 @@ REFERENCE = Search(kept=48, choosing_steps=1, refined=48)
 """Every start refined by all points."""
 
 
-def farthest(found: Residuals) -> float:
-    """Return the Hausdorff distance as it is defined."""
-    return max(float(distances.max()) for distances in found.distances)
-
-
-PAIRED = {"rigid": root_mean_square, "hausdorff": larger_mean, "true Hausdorff": farthest}
+PAIRED = {"rigid": root_mean_square, "hausdorff": larger_mean, "max_hausdorff": farthest}
 
 
 @dataclass(frozen=True)

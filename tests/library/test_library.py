@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import insert, select
 
 from server import DAMAGED, ply, small_mesh, two_rings
-from unbend import Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
+from unbend import Library, MeshPolicy, Parameters, compare, compute_signature, embed, read_mesh
 from unbend.errors import MeshGeometryError, MeshReadError, NotFoundError, ParameterError
 from unbend.library import overview, schema
 from unbend.library.shapes import MAX_PAGE
@@ -383,6 +383,22 @@ def test_the_map_has_a_place_for_every_shape_by_signature_and_as_it_stands(fille
     assert bent > 0.5
     assert 0 <= found.stress < 0.05
     assert 0 <= found.original_stress < 0.05
+
+
+def test_the_map_of_squared_distances_is_the_papers(filled):
+    """[D_M]_ij = |M_i - M_j|^2, of moments (section 2.3)."""
+    library, ids = filled
+    found = library.map("moments", parameters=FEW, distance="squared_l2")
+    names = list(ids)
+    moments = np.array([library.signature(ids[name]).moments for name in names])
+    wanted = ((moments[:, None] - moments[None]) ** 2).sum(axis=2)
+    assert found.stress == pytest.approx(embed(wanted, 2).stress, rel=0.01, abs=1e-4)
+    places = {item.name: np.array(item.point) for item in found.items}
+    apart = np.array([[np.linalg.norm(places[a] - places[b]) for b in names] for a in names])
+    raw = ((apart - wanted) ** 2).sum() / (wanted**2).sum()
+    assert raw == pytest.approx(found.stress, rel=0.01, abs=1e-4)
+    with pytest.raises(ParameterError, match="distance must be one of l1, squared_l2"):
+        library.map("moments", parameters=FEW, distance="l2")
 
 
 def test_a_map_shows_no_more_than_asked_for_and_follows_the_library(filled):

@@ -223,9 +223,15 @@ class Client:
         """Return the classes and how many shapes each has."""
         return {item["label"]: item["count"] for item in self.request("GET", "/v1/classes").json()["items"]}
 
-    def map(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
-        """Return a place for each stored shape, those alike near each other."""
-        return dict(self.request("GET", "/v1/map", params=protocol.overview(measure, parameters)).json())
+    def map(
+        self,
+        *,
+        measure: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        distance: str | None = None,
+    ) -> Json:
+        """Return a place for each stored shape, those alike near each other; by `distance` "l1" or "squared_l2"."""
+        return dict(self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance)).json())
 
     def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
         """Return how well the stored shapes find their own class."""
@@ -418,9 +424,17 @@ class AsyncClient:
         items = (await self.request("GET", "/v1/classes")).json()["items"]
         return {item["label"]: item["count"] for item in items}
 
-    async def map(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
-        """Return a place for each stored shape, those alike near each other."""
-        return dict((await self.request("GET", "/v1/map", params=protocol.overview(measure, parameters))).json())
+    async def map(
+        self,
+        *,
+        measure: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        distance: str | None = None,
+    ) -> Json:
+        """Return a place for each stored shape, those alike near each other; by `distance` "l1" or "squared_l2"."""
+        return dict(
+            (await self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance))).json()
+        )
 
     async def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
         """Return how well the stored shapes find their own class."""

@@ -119,9 +119,10 @@ def shape_query(shape_id: str, question: Question) -> Json:
     return {"shape_id": shape_id} | {name: value for name, value in vars(question).items() if value is not None}
 
 
-def overview(measure: str | None, parameters: Mapping[str, Any] | None) -> dict[str, str]:
+def overview(measure: str | None, parameters: Mapping[str, Any] | None, distance: str | None = None) -> dict[str, str]:
     """Return the parameters of a call about the library as a whole."""
-    asked = {"measure": measure, "parameters": None if parameters is None else json.dumps(dict(parameters))}
+    text = None if parameters is None else json.dumps(dict(parameters))
+    asked = {"measure": measure, "parameters": text, "distance": distance}
     return {name: value for name, value in asked.items() if value is not None}
 
 

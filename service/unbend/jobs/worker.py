@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any, Final
 
@@ -17,6 +17,7 @@ from unbend.jobs.limits import limit_process
 from unbend.jobs.progress import StageClock
 from unbend.library import Library
 from unbend.library.engine import must_be_there
+from unbend.library.overview import Shown
 from unbend.library.payload import PackedSignature
 from unbend.library.shapes import get_mesh
 from unbend.matching.measures import MEASURES, compare
@@ -180,11 +181,9 @@ FILE_CALLS: Final[Mapping[str, Callable[..., bytes]]] = {
 """The functions that jobs of the kind "file" run, by name."""
 
 
-def library_map(
-    store_url: str, measure: str, parameters: Parameters | None, dimensions: int, limit: int
-) -> dict[str, Any]:
+def library_map(store_url: str, measure: str, parameters: Parameters | None, shown: Shown) -> dict[str, Any]:
     """Return `Library.map` as JSON has it."""
-    return _library(store_url).map(measure, parameters=parameters, dimensions=dimensions, limit=limit).as_dict()
+    return _library(store_url).map(measure, parameters=parameters, **asdict(shown)).as_dict()
 
 
 def library_evaluation(store_url: str, measure: str, parameters: Parameters | None) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from unbend.library.engine import Store
 from unbend.library.export import export
 from unbend.library.index import IndexKey, VectorIndex
 from unbend.library.key import UploadKey
-from unbend.library.overview import MAP_LIMIT, ShapeMap, Shown, evaluation_of, map_of, select
+from unbend.library.overview import MAP_LIMIT, MapDistance, ShapeMap, Shown, evaluation_of, map_of, select
 from unbend.library.payload import PackedSignature, unpack_signature
 from unbend.library.ranking import Question, Ranking, rank
 from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
@@ -260,8 +260,8 @@ class Library:
         query : Signature or str
             A signature, or the id of a stored shape, which is then not among its own answers.
         measure : str
-            One that compares whole shapes (`rigid`, `hausdorff`) puts those in order that are nearest by the default
-            measure; classes are then the default measure's.
+            One that compares whole shapes (`rigid`, `hausdorff`, `max_hausdorff`) puts those in order that are nearest
+            by the default measure; classes are then the default measure's.
         classifier : str
             How distances from shapes become those from classes.
         k : int
@@ -320,6 +320,7 @@ class Library:
         parameters: Parameters | None = None,
         dimensions: int = 2,
         limit: int = MAP_LIMIT,
+        distance: MapDistance = "l1",
     ) -> ShapeMap:
         """Place the shapes made with `parameters` so that those alike are near each other (the paper's Fig. 8).
 
@@ -331,17 +332,21 @@ class Library:
         dimensions : int, default 2
         limit : int, default 5000
             Of more shapes, evenly chosen ones are shown.
+        distance : {"l1", "squared_l2"}
+            What the map shows: sums of absolute differences, by which shapes are compared, or of squared ones, which
+            the paper's D_M has (section 2.3).
 
         Raises
         ------
         ParameterError
-            If there is no such measure, or it does not compare vectors, or a number is below 1.
+            If there is no such measure, or it does not compare vectors, or a number is below 1, or there is no such
+            distance.
         """
-        chosen, shown = get_vector_measure(measure), Shown(dimensions, limit)
+        chosen, shown = get_vector_measure(measure), Shown(dimensions, limit, distance)
         with self.store.read() as connection:
             held, original = (self._index.get(connection, _key(each, parameters)) for each in (chosen, SURFACE_MOMENTS))
             selection = select(connection, held, original, shown.limit)
-        return map_of(selection, chosen, shown.dimensions)
+        return map_of(selection, chosen, shown)
 
 
 def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from sqlalchemy import Connection
@@ -19,6 +19,7 @@ from unbend.matching.evaluate import Evaluation, evaluate
 from unbend.matching.gallery import UNLABELLED
 from unbend.matching.measures import VectorMeasure
 from unbend.matching.measures.moments import SURFACE_MOMENTS
+from unbend.matching.measures.protocol import squared
 
 MAP_LIMIT: Final = 5000
 """Shapes that a map shows by default."""
@@ -27,17 +28,23 @@ _PAIRS: Final = 20_000_000
 """Distances that an evaluation may take: beyond, fewer shapes are asked, of all others."""
 
 
+MapDistance = Literal["l1", "squared_l2"]
+
+
 @dataclass(frozen=True)
 class Shown:
-    """How much a map shows."""
+    """How much a map shows, and what its distances are."""
 
     dimensions: int = 2
     limit: int = MAP_LIMIT
+    distance: MapDistance = "l1"
 
     def __post_init__(self) -> None:
         for name in ("dimensions", "limit"):
             if getattr(self, name) < 1:
                 raise ParameterError(f"{name} must be at least 1, not {getattr(self, name)}")
+        if self.distance not in get_args(MapDistance):
+            raise ParameterError(f"distance must be one of {', '.join(get_args(MapDistance))}, not {self.distance!r}")
 
 
 @dataclass(frozen=True)
@@ -91,10 +98,13 @@ def select(connection: Connection, held: Held, original: Held, limit: int) -> Se
     return Selection(vectors, originals, names, len(seqs))
 
 
-def map_of(selection: Selection, measure: VectorMeasure, dimensions: int) -> ShapeMap:
+def map_of(selection: Selection, measure: VectorMeasure, shown: Shown) -> ShapeMap:
     """Place shapes under `measure`, and beside that as they stand."""
-    found = class_map(selection.vectors, measure, dimensions)
-    others = class_map(selection.originals, SURFACE_MOMENTS, dimensions)
+    by, original = measure, SURFACE_MOMENTS
+    if shown.distance == "squared_l2":
+        by, original = squared(by), squared(original)
+    found = class_map(selection.vectors, by, shown.dimensions)
+    others = class_map(selection.originals, original, shown.dimensions)
     items = [
         MapItem(match.id, match.name, match.label, point, other)
         for match, point, other in zip(selection.names, found.points.tolist(), others.points.tolist(), strict=True)

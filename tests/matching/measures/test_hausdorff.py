@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist, directed_hausdorff
 
 from unbend.matching.measures.alignment import align
-from unbend.matching.measures.hausdorff import HAUSDORFF
+from unbend.matching.measures.hausdorff import HAUSDORFF, MAX_HAUSDORFF
 from unbend.matching.measures.icp import residuals
 from unbend.matching.measures.rigid import RIGID
 
@@ -40,6 +40,17 @@ def test_it_is_the_larger_mean_and_below_the_largest_distance(cloud, seed):
         for pose in align(a, b)
     ]
     assert HAUSDORFF.distance(a, b) == pytest.approx(min(max(mean for mean, _ in pose) for pose in poses), rel=1e-12)
-    assert HAUSDORFF.distance(a, b) <= min(max(largest for _, largest in pose) for pose in poses)
+    assert MAX_HAUSDORFF.distance(a, b) == min(max(largest for _, largest in pose) for pose in poses)
+    assert HAUSDORFF.distance(a, b) <= MAX_HAUSDORFF.distance(a, b)
     # a mean is no more than the root mean square, and either direction's square at most twice the mean of both
     assert HAUSDORFF.distance(a, b) <= np.sqrt(2) * RIGID.distance(a, b) * (1 + 1e-12)
+
+
+def test_the_farthest_point_decides_the_hausdorff_distance_and_hardly_the_modified_one(signature_of):
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(200, 3)) * [3.0, 2.0, 1.0]
+    moved = points.copy()
+    moved[0] = [0.0, 0.0, 9.0]
+    a, b = signature_of(points), signature_of(moved)
+    assert MAX_HAUSDORFF.distance(a, a) == 0
+    assert MAX_HAUSDORFF.distance(a, b) > 20 * HAUSDORFF.distance(a, b)

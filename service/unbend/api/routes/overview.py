@@ -12,7 +12,7 @@ from unbend.api.models import ClassCount, ClassList, EvaluationResult, ShapeMap
 from unbend.api.problems import pointing_at, problem_responses
 from unbend.api.service import ServiceDependency
 from unbend.jobs.worker import library_evaluation, library_map
-from unbend.library.overview import MAP_LIMIT
+from unbend.library.overview import MAP_LIMIT, MapDistance, Shown
 from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
 from unbend.signature.parameters import Parameters
 
@@ -43,12 +43,14 @@ async def get_map(
     limit: Annotated[
         int, Query(ge=1, le=20_000, description="Of more shapes, evenly chosen ones are shown.")
     ] = MAP_LIMIT,
+    distance: Annotated[
+        MapDistance, Query(description="Sums of absolute differences, or of squared ones: the paper's D_M.")
+    ] = "l1",
 ) -> ShapeMap:
     """Place the stored shapes so that those alike are near each other: by their signatures, and as they stand."""
     chosen, wanted = _measure(measure), _parameters(parameters)
-    found = await service.runner.call(
-        library_map, service.library.store.url, chosen, wanted, dimensions, limit, lane="large"
-    )
+    shown = Shown(dimensions, limit, distance)
+    found = await service.runner.call(library_map, service.library.store.url, chosen, wanted, shown, lane="large")
     return ShapeMap.model_validate(found)
 
 

@@ -10,7 +10,7 @@ from unbend.errors import ParameterError
 from unbend.matching.measures.combined import COMBINED
 from unbend.matching.measures.dimension import DIMENSION
 from unbend.matching.measures.distribution import DISTRIBUTION
-from unbend.matching.measures.hausdorff import HAUSDORFF
+from unbend.matching.measures.hausdorff import HAUSDORFF, MAX_HAUSDORFF
 from unbend.matching.measures.moments import MOMENTS, SURFACE_MOMENTS
 from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
 from unbend.matching.measures.rigid import RIGID
@@ -22,7 +22,7 @@ VECTOR_MEASURES: Final[Mapping[str, VectorMeasure]] = MappingProxyType(
 )
 
 PAIR_MEASURES: Final[Mapping[str, PairMeasure]] = MappingProxyType(
-    {measure.name: measure for measure in (RIGID, HAUSDORFF)}
+    {measure.name: measure for measure in (RIGID, HAUSDORFF, MAX_HAUSDORFF)}
 )
 
 MEASURES: Final[Mapping[str, Measure]] = MappingProxyType({**VECTOR_MEASURES, **PAIR_MEASURES})

@@ -16,6 +16,7 @@ from paper_draw import Array, head_columns, paint, panels, plt, procrustes, save
 from paper_meshes import listed
 from peers import table
 from unbend import Parameters, Signature, Surface, compute_signature, embed, read_mesh
+from unbend.matching.evaluate import clusters
 from unbend.mesh.shapes import cone, cylinder, figure, s_bend, sheet, spiral
 from unbend.signature.canonical_form import canonical_form
 
@@ -114,8 +115,9 @@ def figure_8() -> str:
         _draw_map(axes[1], f"{name}: signatures", labels, after)
         axes[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
         for what, vectors in (("original surfaces", before), ("signatures", after)):
-            right, ratio = _separation(labels, vectors)
-            rows.append([f"{name} ({len(labels)} in {len(set(labels))})", what, f"{100 * right:.0f} %", f"{ratio:.1f}"])
+            found = clusters(cdist(vectors, vectors), labels)
+            title = f"{name} ({len(labels)} in {len(set(labels))})"
+            rows.append([title, what, f"{100 * found.nearest:.0f} %", f"{found.ratio:.1f}"])
     save(page, "paper-fig8", dpi=75)
     return table(["shapes", "moments of", "nearest neighbour right", "between / within"], rows)
 
@@ -148,16 +150,6 @@ def _draw_map(axes: plt.Axes, title: str, labels: list[str], vectors: Array) -> 
         axes.scatter(*own.T, 80, _colours()[[number]], marker, label=label, edgecolors="white", linewidths=0.5)
     axes.set(title=title, xticks=[], yticks=[], aspect="equal", adjustable="datalim")
     axes.spines[:].set_color("0.8")
-
-
-def _separation(labels: list[str], vectors: Array) -> tuple[float, float]:
-    """Return how often the nearest other shape is of the same class, and mean distances between and within classes."""
-    distances = cdist(vectors, vectors)
-    names = np.array(labels)
-    same, other = names[:, None] == names, ~np.eye(len(names), dtype=bool)
-    ratio = distances[~same].mean() / distances[same & other].mean()
-    nearest = np.where(other, distances, np.inf).argmin(axis=1)
-    return float((names[nearest] == names).mean()), float(ratio)
 
 
 def _colours() -> Array:

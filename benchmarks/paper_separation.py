@@ -11,6 +11,7 @@ from paper_draw import Array, plt, save
 from paper_meshes import listed
 from peers import table
 from unbend import embed, read_mesh
+from unbend.matching.evaluate.separation import log_ratio
 
 CLASSES = {"cat": "cat", "centaur": "centaur", "dog": "dog", "horse": "horse", "man": "michael"}  # TOSCA's names
 MOST = 6  # members of a class
@@ -57,7 +58,7 @@ def _ratios(matrices: dict[str, list[Array]], method: str) -> Array:
     rows = []
     for m in DIMENSIONS:
         vectors = [np.stack([_moments(embed(d, m, method=method).points) for d in of]) for of in matrices.values()]
-        rows.append([_log_ratio(a, b) for a, b in combinations(vectors, 2)])
+        rows.append([log_ratio(a, b) for a, b in combinations(vectors, 2)])
     return np.array(rows)
 
 
@@ -66,8 +67,3 @@ def _moments(points: Array) -> Array:
     centred = points - points.mean(axis=0)
     posed = centred @ np.linalg.svd(centred, full_matrices=False)[2].T
     return np.concatenate([(posed**2).mean(axis=0), np.abs((posed**3).mean(axis=0))])
-
-
-def _log_ratio(a: Array, b: Array) -> float:
-    spread = sum(((of - of.mean(axis=0)) ** 2).sum(axis=1).mean() for of in (a, b))
-    return float(np.log(((a.mean(axis=0) - b.mean(axis=0)) ** 2).sum() / spread))

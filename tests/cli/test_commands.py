@@ -284,6 +284,25 @@ def test_a_signature_of_a_simplified_mesh_says_so(rings):
     assert "1 link between 2 components" in done.stderr
 
 
+def test_an_evaluation_tells_how_far_classes_are_apart(folder, tmp_path):
+    labels, page = folder / "labels.csv", tmp_path / "report.html"
+    asked = ["evaluate", folder, "--labels", labels, "--separation", "--samples", 40, "--measure", "moments"]
+    told = json.loads(succeeded(*asked, "--json", "--html", page).stdout)
+    assert set(told) == {"moments", "separation"}
+    assert set(told["separation"]) == {"moments", "dimensions"}
+    assert set(told["separation"]["moments"]) == {"nearest", "ratio"}
+    over = told["separation"]["dimensions"]
+    assert over["pairs"] == [["sheets", "rings"]]
+    assert {method: len(of) for method, of in over["medians"].items()} == {"least_squares": 6, "classical": 6}
+    assert over["medians"]["least_squares"][2] > 0
+    shown = page.read_text()
+    assert 'id="separation"' in shown
+    assert f"{over['medians']['least_squares'][2]:.3f}" in shown
+    text = succeeded(*asked).stdout
+    assert f"{over['medians']['classical'][5]:.3f}" in text
+    assert "m = 6" in text
+
+
 def test_evaluation_refuses_meshes_that_its_options_refuse(folder, rings):
     labels = rings / "labels.csv"
     labels.write_text(f"path,class\nrings.ply,b\n{folder}/rings/thin.ply,a\n{folder}/rings/thick.ply,a\n")

@@ -56,3 +56,14 @@ def test_a_vertex_without_a_triangle_stands_for_itself_and_one_without_area_for_
     assert masses.sum() == pytest.approx(2.5)
     assert masses[-1] == 2.0
     np.testing.assert_array_equal(places[-1], [5, 5, 5])
+
+
+def test_on_a_line_every_vertex_stands_for_itself():
+    """Three points on a line make a triangle of rounding, which must not say where their weight lies."""
+    rng = np.random.default_rng(1)
+    points, weights = rng.normal(size=(30, 1)) * 1e3, rng.uniform(0.1, 1.0, 30)
+    faces = np.array([rng.choice(30, 3, replace=False) for _ in range(40)], np.int32)
+    places, masses = surface_quadrature(points, faces, weights)
+    assert masses.sum() == pytest.approx(weights.sum())
+    for power in (1, 2, 3):
+        assert (masses * places[:, 0] ** power).sum() == pytest.approx((weights * points[:, 0] ** power).sum())

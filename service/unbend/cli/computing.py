@@ -13,6 +13,8 @@ from unbend.errors import UnbendError
 from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
+    from unbend.arrays import Floats
+    from unbend.embedding.embed import Method
     from unbend.mesh.surface import Surface
     from unbend.signature.signature import Signature
 
@@ -72,3 +74,16 @@ def _computed(files: Sequence[LabelledFile], parameters: Values, policy: Values)
             yield Computed(file, None, str(outcome))
         else:
             yield Computed(file, outcome)
+
+
+def dimensions_of(
+    files: Sequence[LabelledFile], parameters: Values, policy: Values
+) -> dict[Path, dict[Method, Floats]]:
+    """Return the moments in 1 to 6 dimensions of each of `files` by its path; those that fail are left out."""
+    from unbend.jobs.batch import compute_each, dimensions_of_path  # noqa: PLC0415
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+
+    paths = [file.path for file in files]
+    outcomes = compute_each(dimensions_of_path, paths, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy))
+    with progress(zip(paths, outcomes, strict=True), "embedding in 1 to 6 dimensions", len(paths)) as bar:
+        return {path: outcome for path, outcome in bar if not isinstance(outcome, UnbendError)}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from unbend.arrays import Floats
     from unbend.cli.computing import Computed
     from unbend.cli.folder import LabelledFile
-    from unbend.matching.evaluate import Evaluation
+    from unbend.matching.evaluate import Clusters, Evaluation, Separation
     from unbend.matching.measures import VectorMeasure
 
 _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -33,6 +33,12 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
 @click.option("--gallery", type=_CSV, help="A second CSV, of the shapes that --labels' are compared with.")
 @json_option
 @click.option("--per-class", is_flag=True, help="Add each class' figures; with --json confusions and curves, too.")
+@click.option(
+    "--separation",
+    "separated",
+    is_flag=True,
+    help="Add how far classes are apart: in each measure, and over 1 to 6 dimensions; computes each shape again.",
+)
 @click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots: one file, to be read offline.")
 @parameter_options
 @policy_options
@@ -43,6 +49,7 @@ def evaluate(
     gallery: Path | None,
     as_json: bool,
     per_class: bool,
+    separated: bool,
     html: Path | None,
     parameters: Values,
     policy: Values,
@@ -67,19 +74,26 @@ def evaluate(
     found = computed[: len(queries)]
     held = computed[len(queries) :] if gallery else None
     evaluations = {measure.name: _evaluation(measure, found, held) for measure in chosen}
+    apart = _apart(chosen, found, parameters, policy) if separated else None
     if html:
         given = {"folder": folder, "labels": labels, "gallery": gallery}
         maps = {measure.name: _map(measure, found) for measure in chosen}
-        page = _page(evaluations, maps, (found, held), folder, given | _settings(parameters, policy))
+        page = _page(evaluations, maps, apart, (found, held), folder, given | _settings(parameters, policy))
         html.write_text(page, encoding="utf-8", errors="backslashreplace")  # a file's name may be no UTF-8
     if as_json:
         told = {
             name: result.as_dict() if per_class else _figures(result, held is None)
             for name, result in evaluations.items()
         }
+        if apart:
+            told["separation"] = {name: asdict(of) for name, of in apart[0].items()} | {
+                "dimensions": apart[1].as_dict()
+            }
         click.echo(json.dumps(told))
     else:
         click.echo(_tables(evaluations, held is None, per_class))
+        if apart:
+            click.echo("\n" + _tables_of_separation(*apart))
 
 
 def _with_class(files: Sequence[LabelledFile], labels: Path) -> list[LabelledFile]:
@@ -128,9 +142,31 @@ def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
     return class_map(np.stack(_vectors(measure, computed)[0]), measure).points
 
 
+def _apart(
+    measures: Sequence[VectorMeasure], computed: Sequence[Computed], parameters: Values, policy: Values
+) -> tuple[dict[str, Clusters], Separation]:
+    """Return how far classes are apart in each measure, and over the number of dimensions."""
+    import numpy as np  # noqa: PLC0415
+
+    from unbend.cli.computing import dimensions_of  # noqa: PLC0415
+    from unbend.matching.evaluate import clusters, separation  # noqa: PLC0415
+    from unbend.signature.dimensions import METHODS  # noqa: PLC0415
+
+    by_measure = {}
+    for measure in measures:
+        vectors, labels = _vectors(measure, computed)
+        by_measure[measure.name] = clusters(measure.matrix(np.stack(vectors)), labels)
+    usable = [item.file for item in computed if item.signature]
+    found = dimensions_of(usable, parameters, policy)
+    labels = [str(file.label) for file in usable if file.path in found]
+    stacked = {str(method): np.stack([of[method] for of in found.values()]) for method in METHODS} if found else {}
+    return by_measure, separation(stacked, labels)
+
+
 def _page(
     evaluations: Mapping[str, Evaluation],
     maps: Mapping[str, Floats],
+    apart: tuple[dict[str, Clusters], Separation] | None,
     computed: tuple[Sequence[Computed], Sequence[Computed] | None],
     folder: Path,
     settings: Values,
@@ -154,6 +190,8 @@ def _page(
         version=__version__,
         date=datetime.now(UTC).date(),
         maps=maps,
+        clusters=apart[0] if apart else {},
+        separation=apart[1] if apart else None,
     )
     return render(report)
 
@@ -193,3 +231,15 @@ def _tables(evaluations: Mapping[str, Evaluation], left_out: bool, per_class: bo
         for name, result in told.items()
     ]
     return "\n\n".join([overall, *classes])
+
+
+def _tables_of_separation(by_measure: Mapping[str, Clusters], over: Separation) -> str:
+    from unbend.cli.tables import table  # noqa: PLC0415
+
+    first = table("measure", ["nearest", "ratio"], [(name, asdict(of)) for name, of in by_measure.items()])
+    if not over.pairs:
+        return f"{first}\n\nno two classes have two shapes each: nothing is separated over dimensions"
+    medians = over.medians
+    columns = [f"m = {m}" for m in range(1, 1 + max(map(len, medians.values())))]
+    rows = [(method, dict(zip(columns, of, strict=True))) for method, of in medians.items()]
+    return f"{first}\n\n{table('log ratio', columns, rows)}"

@@ -12,6 +12,9 @@ _OUTER, _INNER = 0.445948490915965, 0.091576213509771
 _RULE: Final[tuple[tuple[float, float], ...]] = ((_OUTER, 0.223381589678011), (_INNER, 0.109951743655322))
 """Six points of degree 4 (Strang & Fix 1973; Dunavant 1985): two corners' share, and the weight of a point."""
 
+_ROUNDING: Final = 1e-14
+"""Squared sine of the angle below which double precision cannot tell three points from a line."""
+
 
 def surface_quadrature(points: Floats, faces: Ints, weights: Floats) -> tuple[Floats, Floats]:
     """Return points and weights that integrate cubic polynomials exactly over triangles.
@@ -53,7 +56,8 @@ def _permuted(own: float, other: float, corner: int) -> Floats:
 
 
 def _areas(corners: Floats) -> Floats:
-    """Return areas of triangles (f, 3, m) in any dimension."""
+    """Return areas of triangles (f, 3, m) in any dimension; 0 where rounding alone makes one, as on a line."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     aa, bb, ab = ((x * y).sum(axis=1) for x, y in ((a, a), (b, b), (a, b)))
-    return np.asarray(np.sqrt(np.maximum(aa * bb - ab * ab, 0.0)) / 2)
+    squares = aa * bb - ab * ab
+    return np.asarray(np.sqrt(np.where(squares > _ROUNDING * aa * bb, squares, 0.0)) / 2)

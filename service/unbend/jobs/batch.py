@@ -2,27 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
+from typing import TypeVar
 
+from unbend.arrays import Floats
+from unbend.embedding.embed import Method
 from unbend.errors import MeshReadError, UnbendError
 from unbend.jobs.limits import limit_process
 from unbend.jobs.process import WorkerProcess
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
+from unbend.signature.dimensions import moments_over_dimensions
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
 from unbend.threads import available_cores
 
+T = TypeVar("T")
+
+
+def compute_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> Signature:
+    """Return the signature of the mesh at `path`."""
+    return compute_signature(read_mesh(path, policy=policy), parameters, threads=1)
+
+
+def dimensions_of_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> dict[Method, Floats]:
+    """Return `moments_over_dimensions` of the mesh at `path`."""
+    return moments_over_dimensions(read_mesh(path, policy=policy), parameters, threads=1)
+
 
 def compute_paths(
     paths: Sequence[Path], parameters: Parameters, policy: MeshPolicy | None = None
 ) -> Iterator[Signature | UnbendError]:
-    """Yield, for each path in order, its signature or the error that stands in its way.
+    """Yield, for each path in order, its signature or the error that stands in its way."""
+    return compute_each(compute_path, paths, parameters, policy)
+
+
+def compute_each(
+    compute: Callable[[Path, Parameters, MeshPolicy | None], T],
+    paths: Sequence[Path],
+    parameters: Parameters,
+    policy: MeshPolicy | None = None,
+) -> Iterator[T | UnbendError]:
+    """Yield, for each path in order, what `compute` returns or the error that stands in its way.
 
     A process for every core; one that dies costs its own file only.
     """
@@ -31,10 +57,10 @@ def compute_paths(
     for _ in range(count):
         free.put(WorkerProcess(partial(limit_process, None)))
 
-    def outcome(path: Path) -> Signature | UnbendError:
+    def outcome(path: Path) -> T | UnbendError:
         worker = free.get()
         try:
-            return worker.run(compute_path, (path, parameters, policy))
+            return worker.run(compute, (path, parameters, policy))
         except UnbendError as error:
             return error
         except OSError as error:
@@ -49,8 +75,3 @@ def compute_paths(
             threads.shutdown(wait=False, cancel_futures=True)
             for _ in range(count):
                 free.get().end()
-
-
-def compute_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> Signature:
-    """Return the signature of the mesh at `path`."""
-    return compute_signature(read_mesh(path, policy=policy), parameters, threads=1)

@@ -13,8 +13,10 @@ from unbend.arrays import Floats
 from unbend.matching.evaluate.evaluation import ClassFigures, Evaluation
 from unbend.matching.evaluate.figures import RetrievalFigures
 from unbend.matching.evaluate.report.heatmap import HeatMap, heat_map
+from unbend.matching.evaluate.report.lines import lines
 from unbend.matching.evaluate.report.plot import plot
 from unbend.matching.evaluate.report.scatter import Scatter, scatter
+from unbend.matching.evaluate.separation import Clusters, Separation
 
 FIGURE_NAMES: Final = {"nn": "NN", "ft": "FT", "st": "ST", "e": "E", "dcg": "DCG", "map": "mAP"}
 
@@ -50,6 +52,10 @@ class Report:
     date: date
     maps: Mapping[str, Floats] = field(default_factory=dict)
     """Places of the queries that have an answer by measure, (q, 2): class maps. May be left out."""
+    clusters: Mapping[str, Clusters] = field(default_factory=dict)
+    """How far classes are apart by measure. May be left out."""
+    separation: Separation | None = None
+    """How far they are apart over the number of dimensions. May be left out."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,7 @@ def render(report: Report) -> str:
         report=report,
         plot=plot(curves),
         maps=[_scatter(name, points, report) for name, points in report.maps.items()],
+        separation=lines(report.separation.medians) if report.separation and report.separation.pairs else None,
         measures=[_view(name, evaluation, report) for name, evaluation in report.evaluations.items()],
         first=next(iter(report.evaluations.values())),
         figure_names=FIGURE_NAMES,

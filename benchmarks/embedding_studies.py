@@ -11,6 +11,7 @@ import numpy as np
 from embedding_methods import SEARCHES, iterations_to
 from peers import in_turns, table
 from unbend import effective_dimension, embed, farthest_point_sampling, geodesic_matrix
+from unbend.embedding.checks import check_distances, in_range
 from unbend.embedding.classical import classical_scaling
 from unbend.embedding.fast import fastmap
 from unbend.embedding.least_squares import smacof
@@ -91,6 +92,7 @@ def minima_table(matrices: dict[str, np.ndarray]) -> str:
 
 
 def _from_classical(distances: np.ndarray, dimensions: int) -> float:
+    distances, _ = in_range(check_distances(distances))  # as `embed` does
     start, _ = classical_scaling(distances, dimensions)
     lowest = stress(smacof(distances, start, threads=1)[0], distances)
     fast, _ = fastmap(distances, dimensions)

@@ -24,14 +24,20 @@ def raw_stress(points, distances, weights):
     """Return the numerator of eq. 2 (eq. 7); empty `weights` (0, 0) stand for ones."""
     count, dimensions = points.shape
     weighted = weights.shape[0] > 0
-    total = 0.0
+    axes, terms, losses = np.ascontiguousarray(points.T), np.empty(count), np.zeros(count)
     for i in range(count):
-        row = 0.0
+        # Loops over j that add nothing up within themselves are vectorised, and round in one order.
+        terms[:i] = 0.0
+        for axis in range(dimensions):
+            here = axes[axis, i]
+            for j in range(i):
+                terms[j] += (axes[axis, j] - here) ** 2
         for j in range(i):
-            squared = 0.0
-            for axis in range(dimensions):
-                squared += (points[i, axis] - points[j, axis]) ** 2
-            difference = distances[i, j] - np.sqrt(squared)
-            row += (weights[i, j] if weighted else 1.0) * difference * difference
-        total += row
-    return total
+            difference = distances[i, j] - np.sqrt(terms[j])
+            terms[j] = difference * difference
+        if weighted:
+            for j in range(i):
+                terms[j] *= weights[i, j]
+        for j in range(i):
+            losses[j] += terms[j]
+    return losses.sum()

@@ -9,6 +9,7 @@ from paper_bending import SAMPLES as FORM_SAMPLES
 from paper_bending import figure_1, figure_2, figure_4
 from paper_classes import figure_8, figures_6_and_7
 from paper_separation import figure_5
+from paper_steps import steps
 from paper_tables import (
     DIMENSIONS,
     RANDOM_STARTS,
@@ -26,7 +27,7 @@ from peers import ROOT
 
 
 def main() -> None:
-    page = f"{_opening()}\n\n{_tables()}\n\n{_figures()}"
+    page = f"{_opening()}\n\n{_steps()}\n\n{_tables()}\n\n{_figures()}"
     (ROOT / "docs" / "paper.md").write_text(page + "\n")
     print(page)
 
@@ -42,6 +43,16 @@ is computed by it.
 
 Stand-ins: a torus, a man and a rabbit from Oded Stein's meshes, the elephant and the camel's head of libigl's tutorial,
 SHREC'11 (simplified) and TOSCA for classes, and figures that unbend generates."""
+
+
+def _steps() -> str:
+    return f"""\
+## Every step and choice, by name
+
+What the paper does or chooses, and the public name, flag and field that does it. A field of HTTP without a path is one
+of `parameters` or of an answer.
+
+{steps()}"""
 
 
 def _tables() -> str:

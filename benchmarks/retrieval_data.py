@@ -25,11 +25,11 @@ HUMANS = {"david", "michael", "victoria"}
 """Persons of TOSCA, who are one class."""
 
 
-def listed(dataset: str) -> tuple[list[Path], list[str]]:
-    """Return the meshes of a data set and their classes."""
+def listed(dataset: str, *, merged: bool = True) -> tuple[list[Path], list[str]]:
+    """Return the meshes of a data set and their classes; `merged` makes TOSCA's persons one class."""
     with (DATA / "labels.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["dataset"] == dataset]
-    labels = ["human" if row["class"] in HUMANS else row["class"].split("/")[-1] for row in rows]
+    labels = ["human" if merged and row["class"] in HUMANS else row["class"].split("/")[-1] for row in rows]
     return [DATA / row["path"] for row in rows], labels
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
 import tomllib
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 
+import click
 import pytest
 
+import unbend
 from unbend.api import Settings
 from unbend.api.configuration import read_settings
+from unbend.cli.main import main
 from unbend.matching.measures import MEASURES
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
@@ -67,3 +71,45 @@ def test_every_dependency_has_its_reason():
 def test_links_between_the_documents_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def test_every_step_of_the_paper_names_what_is_there():
+    """The table of docs/paper.md: Python names can be imported, flags are options, fields and paths are in OpenAPI."""
+    section = (DOCS / "paper.md").read_text().split("\n## Every step and choice, by name\n")[1].split("\n## ")[0]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in section.splitlines()
+        if re.match(r"\| \d", line)
+    ]
+    assert len(rows) > 30
+    document = json.loads((DOCS.parent / "openapi" / "openapi.json").read_text())
+    text = json.dumps(document)
+    for _, _, python, command, http in rows:
+        for name in re.findall(r"`([\w.]+)`", python):
+            assert is_public(name), name
+        for flag in re.findall(r"--[\w-]+", command):
+            assert any(flag in parameter.opts for parameter in options()), flag
+        for name in re.findall(r"`unbend ([a-z]+)", command):
+            assert name in main.commands, name
+        for field in re.findall(r"`(?:(GET|POST) )?([\w/{}]+)`", http):
+            method, name = field
+            if method:
+                assert method.lower() in document["paths"][f"/v1{name}"], field
+            else:
+                assert f'"{name}"' in text, name
+
+
+def options() -> list[click.Parameter]:
+    return [parameter for command in main.commands.values() for parameter in command.params]
+
+
+def is_public(name: str) -> bool:
+    """Say whether it is a measure, a module's, or one of `unbend` itself: a class's fields are named behind a point."""
+    if name in MEASURES:
+        return True
+    if name.startswith("unbend."):
+        module, _, last = name.rpartition(".")
+        return hasattr(importlib.import_module(module), last)
+    first, _, last = name.partition(".")
+    found = getattr(unbend, first)
+    return not last or last in dir(found) or last in {field.name for field in fields(found)}

@@ -295,7 +295,7 @@ def test_a_signature_is_served_in_every_format(http, ring, file_type):
 def test_descriptors_are_those_of_the_measures(http, ring):
     told = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
     expected = compute_signature(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).descriptors
-    assert set(told) == {"spectrum", "moments", "distribution", "dimension", "surface_moments"}
+    assert set(told) == {"spectrum", "moments", "distribution", "dimension", "reeb", "surface_moments"}
     for name, vector in told.items():
         np.testing.assert_allclose(vector, expected[name], rtol=1e-12, atol=1e-15)
 

@@ -24,7 +24,7 @@ GRID = {"columns": 12, "rows": 6}
 BENT = {"flat": sheet(**GRID), "rolled": cylinder(**GRID), "wound": spiral(**GRID)}
 ROUND = {"ball": sphere(subdivisions=1), "marble": sphere(subdivisions=2)}
 
-KINDS = 5  # of descriptors that a signature carries
+KINDS = 6  # of descriptors that a signature carries
 
 
 def fill(library: Library) -> dict[str, str]:

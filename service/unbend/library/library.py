@@ -260,8 +260,8 @@ class Library:
         query : Signature or str
             A signature, or the id of a stored shape, which is then not among its own answers.
         measure : str
-            One that compares whole shapes (`rigid`, `hausdorff`, `max_hausdorff`) puts those in order that are nearest
-            by the default measure; classes are then the default measure's.
+            One that compares whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) puts those in order that are
+            nearest by the default measure; classes are then the default measure's.
         classifier : str
             How distances from shapes become those from classes.
         k : int

@@ -14,6 +14,7 @@ from unbend.descriptors.distribution import distance_distribution
 from unbend.descriptors.moments import moments
 from unbend.descriptors.pose import principal_pose
 from unbend.descriptors.quadrature import surface_quadrature
+from unbend.descriptors.reeb import reeb_graph
 from unbend.descriptors.spectrum import geodesic_spectrum
 from unbend.embedding.embed import AUTO, embed
 from unbend.embedding.weighting import weights_of
@@ -196,6 +197,7 @@ def _describe(surface: Surface, posed: Floats, faces: Ints, distances: Floats, w
         "moments": moments(*surface_quadrature(points, faces, weights)),
         "distribution": distance_distribution(unit, points, weights),
         "dimension": dimension_vector(distances),
+        "reeb": reeb_graph(distances, faces, weights).pack(),
         "surface_moments": _surface_moments(surface),
     }
 

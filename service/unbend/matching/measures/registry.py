@@ -13,6 +13,7 @@ from unbend.matching.measures.distribution import DISTRIBUTION
 from unbend.matching.measures.hausdorff import HAUSDORFF, MAX_HAUSDORFF
 from unbend.matching.measures.moments import MOMENTS, SURFACE_MOMENTS
 from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
+from unbend.matching.measures.reeb import REEB
 from unbend.matching.measures.rigid import RIGID
 from unbend.matching.measures.spectrum import SPECTRUM
 from unbend.signature.signature import Signature
@@ -22,7 +23,7 @@ VECTOR_MEASURES: Final[Mapping[str, VectorMeasure]] = MappingProxyType(
 )
 
 PAIR_MEASURES: Final[Mapping[str, PairMeasure]] = MappingProxyType(
-    {measure.name: measure for measure in (RIGID, HAUSDORFF, MAX_HAUSDORFF)}
+    {measure.name: measure for measure in (RIGID, HAUSDORFF, MAX_HAUSDORFF, REEB)}
 )
 
 MEASURES: Final[Mapping[str, Measure]] = MappingProxyType({**VECTOR_MEASURES, **PAIR_MEASURES})

@@ -1,0 +1,84 @@
+"""The Reeb graph of the mean geodesic distance: what parts a shape has (Hilaga et al. 2001, "Topology matching")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from unbend.arrays import Floats, Indices, Ints
+
+LEVELS: Final = 4
+"""Resolutions: 1, 2, 4 and 8 intervals. Samples are too few for finer ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReebGraph:
+    """Connected parts of a surface in which the mean distance to all of it lies in one interval, and which touch."""
+
+    intervals: Indices  # (n,)
+    areas: Floats
+    """Share of the surface, (n,)."""
+    lows: Floats
+    """Least mean distance in each part, (n,), over the greatest of all."""
+    highs: Floats
+    edges: Indices
+    """Parts that touch, (e, 2)."""
+
+    def pack(self) -> Floats:
+        """Return the graph as one vector of 2 + 4 n + 2 e numbers."""
+        counts = [len(self.intervals), len(self.edges)]
+        return np.concatenate([counts, self.intervals, self.areas, self.lows, self.highs, *self.edges.T]).astype(float)
+
+    @classmethod
+    def unpack(cls, vector: Floats) -> ReebGraph:
+        """Return the graph that `pack` packed."""
+        nodes, edges = vector[:2].astype(np.int64)
+        intervals, areas, lows, highs, ends = np.split(vector[2:], [nodes, 2 * nodes, 3 * nodes, 4 * nodes])
+        pairs: Indices = ends.reshape(2, edges).T.astype(np.int64)
+        return cls(intervals.astype(np.int64), areas, lows, highs, pairs)
+
+    def coarser(self) -> tuple[ReebGraph, Indices]:
+        """Return the graph of intervals twice as long, and which of its parts each part lies in, (n,)."""
+        return _joined(self.intervals // 2, self.areas, self.lows, self.highs, self.edges)
+
+
+def reeb_graph(distances: Floats, faces: Ints, weights: Floats) -> ReebGraph:
+    """Return the Reeb graph of a signature's samples in 2^(LEVELS - 1) intervals.
+
+    Parameters
+    ----------
+    distances : (k, k) float64
+        Geodesic distances in any unit.
+    faces : (f, 3) int32
+        Triangles between the samples.
+    weights : (k,) float64
+        Share of the area that each sample stands for; they sum to 1.
+    """
+    mean = distances @ weights
+    height = (mean - mean.min()) / (mean.max() or 1.0)  # Hilaga et al., section 3.2
+    count = 2 ** (LEVELS - 1)
+    intervals = np.minimum((height * count).astype(np.int64), count - 1)
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    return _joined(intervals, weights, height, height, sides)[0]
+
+
+def _joined(
+    intervals: Indices, areas: Floats, lows: Floats, highs: Floats, edges: Indices
+) -> tuple[ReebGraph, Indices]:
+    """Join what touches in the same interval."""
+    alike = edges[intervals[edges[:, 0]] == intervals[edges[:, 1]]]
+    links = coo_array((np.ones(len(alike)), (alike[:, 0], alike[:, 1])), shape=(len(intervals), len(intervals)))
+    count, found = connected_components(links, directed=False)
+    part: Indices = found.astype(np.int64)
+    shares: Floats = np.bincount(part, areas, minlength=count).astype(np.float64)
+    low, high, of = np.full(count, np.inf), np.full(count, -np.inf), np.empty(count, np.int64)
+    np.minimum.at(low, part, lows)
+    np.maximum.at(high, part, highs)
+    of[part] = intervals
+    between = np.sort(part[edges], axis=1)
+    touching: Indices = np.unique(between[between[:, 0] < between[:, 1]], axis=0).reshape(-1, 2).astype(np.int64)
+    return ReebGraph(of, shares, low, high, touching), part

@@ -21,8 +21,8 @@ def weights_of(rule: Weighting, distances: Floats, areas: Floats) -> Floats | No
     Parameters
     ----------
     rule : {"equal", "inverse", "inverse_squared", "area"}
-        1 / d counts what is near for more (with 1 / d^2 errors count as shares of the distance, Kruskal & Wish's
-        elastic scaling, McGee 1966). "area" makes dense samples count for no more than sparse ones.
+        With 1 / d what is near counts for more; with 1 / d^2 errors count as shares of the distance (elastic scaling,
+        McGee 1966). With "area" dense samples count for no more than sparse ones.
     distances : (n, n) float64
         What is nearer than a thousandth of the largest distance counts as that near: eq. 8 is solved in double
         precision.

@@ -8,11 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import urljoin
 
+import jsonschema_rs
 import pytest
 
 from unbend import MeshPolicy, Parameters, read_mesh
 from unbend.api import create_app
 from unbend.api.fields import FILE, ParametersFields, PolicyFields
+from unbend.errors import ParameterError
 
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
 
@@ -119,3 +121,24 @@ def test_the_documented_defaults_are_those_of_the_code():
 def test_the_example_of_a_file_is_a_mesh():
     (example,) = FILE["examples"]
     assert len(read_mesh(example.encode()).faces) == 4
+
+
+@pytest.mark.parametrize(
+    ("chosen", "allowed"),
+    [
+        ({"method": "classical", "weights": "area"}, True),
+        ({"method": "classical", "starts": 1}, False),
+        ({"method": "classical", "weights": "inverse"}, False),
+        ({"method": "fast", "weights": "area"}, False),
+        ({"starts": 20, "weights": "inverse_squared"}, True),
+        ({"samples": "auto", "threshold": 0.5}, True),
+        ({"threshold": 1.0}, False),
+    ],
+)
+def test_what_the_schema_of_parameters_allows_is_what_is_taken(chosen, allowed):
+    assert jsonschema_rs.is_valid(ParametersFields.model_json_schema(), chosen) == allowed
+    if allowed:
+        Parameters(**chosen)
+    else:
+        with pytest.raises(ParameterError):
+            Parameters(**chosen)

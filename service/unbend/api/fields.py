@@ -10,7 +10,7 @@ import re
 from typing import Annotated, Any, Final, Literal
 
 from fastapi import Path
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, WithJsonSchema
 
 from unbend.embedding.dimension import MAX_DIMENSIONS
 from unbend.embedding.embed import MAX_STARTS, Criterion, Method
@@ -35,10 +35,26 @@ ShapeId = Annotated[str, Path(description="Of a stored shape."), WithJsonSchema(
 JobId = Annotated[str, Path(description="Of a job."), WithJsonSchema(_ID)]
 
 
+def _with(method: list[JsonValue], **then: JsonValue) -> JsonValue:
+    """Return what else must hold where `method` is one of these, as JSON Schema has it."""
+    return {
+        "if": {"properties": {"method": {"enum": method}}, "required": ["method"]}, "then": {"properties": then}
+    }  # fmt: skip
+
+
 class ParametersFields(BaseModel):
     """What a signature is computed with; what is left out stays at its default."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"samples": 300}]})
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [{"samples": 300}],
+            "allOf": [
+                _with(["classical", "fast"], starts={"const": 0}, weights={"enum": ["equal", "area"]}),
+                _with(["fast"], weights={"const": "equal"}),
+            ],
+        },
+    )
 
     samples: Annotated[int, Field(ge=4, le=MAX_SAMPLES)] | Literal["auto"] = Field(
         300, description="Farthest point samples; `auto` doubles them until the spectrum moves by `tolerance` at most."

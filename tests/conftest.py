@@ -27,6 +27,13 @@ settings.register_profile(
 settings.load_profile("unbend")
 
 
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Name files by their argument and place: bytes may hold the time, and both workers must collect the same names."""
+    if isinstance(val, bytes) and not (val.isascii() and val.decode("ascii").isprintable()):
+        return argname
+    return None
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real meshes; CI, which has it, sets UNBEND_REQUIRE_SHARED so that nothing is skipped there."""

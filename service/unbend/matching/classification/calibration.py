@@ -52,4 +52,6 @@ def confidences(remoteness: Floats, exponent: float) -> Floats:
     """
     logarithms = -exponent * np.log(np.maximum(remoteness, np.finfo(float).tiny))
     shares = np.exp(logarithms - logarithms.max(axis=-1, keepdims=True))
-    return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
+    # Sorted, because the rounding of a sum depends on the order, and the order of classes must not show.
+    total = np.sort(shares, axis=-1).sum(axis=-1, keepdims=True)
+    return np.asarray(shares / total)

@@ -1,5 +1,5 @@
 # make serve   start the service with a demo library      make test    run all tests
-# make check   lint, types, layers and tests              make bench   measure against peers
+# make check   lint, types, layers and tests              make bench   list, or run, benchmarks
 
 PYTHON ?= python3
 HOST ?= 127.0.0.1
@@ -28,27 +28,15 @@ layers: .venv/test
 
 check: lint types layers test
 
+# NAME=retrieval.measures runs one; without a name the benchmarks are listed.
 bench: .venv/bench
-	$(BIN)/python benchmarks/geodesics.py
-	$(BIN)/python benchmarks/stretched.py
-	$(BIN)/python benchmarks/defects.py
-	$(BIN)/python benchmarks/embedding.py
-	$(BIN)/python benchmarks/paper.py
-	$(BIN)/python benchmarks/retrieval_choice.py
-	$(BIN)/python benchmarks/retrieval.py
-	$(BIN)/python benchmarks/classification.py
-	$(BIN)/python benchmarks/rerank.py
-	$(BIN)/python benchmarks/robustness.py
-	$(BIN)/python benchmarks/seams.py
-	$(BIN)/python benchmarks/search.py
-	$(BIN)/python benchmarks/service.py
-	$(BIN)/python benchmarks/deletion.py
+	$(BIN)/python -m benchmarks$(if $(NAME),.$(NAME))
 
 # An hour: processes killed, damaged files, requests made up from the OpenAPI document, each by the thousands.
 reliability: .venv/test
-	$(BIN)/python benchmarks/reliability.py
-	$(BIN)/python benchmarks/fuzz.py
-	$(BIN)/python benchmarks/contract.py
+	$(BIN)/python -m benchmarks.service.reliability
+	$(BIN)/python -m benchmarks.service.fuzz
+	$(BIN)/python -m benchmarks.service.contract
 
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json

@@ -1,4 +1,4 @@
-"""What all tests share: real data, exact geodesics, a running server."""
+"""Fixtures that all tests share: real data, rotations, running servers."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from server import Server
+from tests.support.server import Server
 
 ROOT = Path(__file__).parent.parent
 SHARED = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
 
-# CI looks at the same examples every time: new ones are found, and mended, at a developer's.
+# CI runs the same examples every time; new ones are found on developers' machines.
 settings.register_profile(
     "unbend",
     deadline=None,
@@ -25,6 +25,15 @@ settings.register_profile(
     derandomize="CI" in os.environ,
 )
 settings.load_profile("unbend")
+
+
+SLOWEST = ("test_main_job.py", "test_contract.py", "test_commands.py", "test_ends.py", "test_hostile_clients.py")
+"""Files that take longest: they start first, so that no worker waits for the other at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Start the slowest files first."""
+    items.sort(key=lambda item: item.path.name not in SLOWEST)
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import json
 import os
@@ -15,7 +16,7 @@ import pytest
 
 import unbend
 from unbend.api import Settings
-from unbend.api.configuration import read_settings
+from unbend.api.server.configuration import read_settings
 from unbend.cli.main import main
 from unbend.matching.measures import MEASURES
 from unbend.mesh.policy import MeshPolicy
@@ -113,3 +114,18 @@ def is_public(name: str) -> bool:
     first, _, last = name.partition(".")
     found = getattr(unbend, first)
     return not last or last in dir(found) or last in {field.name for field in fields(found)}
+
+
+@pytest.mark.parametrize("page", sorted([*DOCS.glob("*.md"), ROOT / "README.md"]), ids=lambda page: page.name)
+def test_every_path_that_a_page_names_exists(page):
+    named = set(re.findall(r"`((?:\w+/)+[\w.]+\.\w+)`", page.read_text()))
+    roots = (ROOT, ROOT / "service" / "unbend")
+    assert {path for path in named if not any((root / path).exists() for root in roots)} == set()
+
+
+def test_every_module_docstring_is_a_noun_phrase_or_an_imperative():
+    for path in (ROOT / "service" / "unbend").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                first = (ast.get_docstring(node) or "").partition(" ")[0]
+                assert first not in {"That", "Of", "What", "Who"}, f"{path}: {ast.get_docstring(node)}"

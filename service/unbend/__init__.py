@@ -1,7 +1,7 @@
 """unbend: recognise shapes however they bend.
 
-The names below are the public ones. They are loaded when first used, so that `import unbend` costs nothing:
-no web framework, no database, no compiler.
+The names below are public. They are imported when first used, so that `import unbend` is fast: it loads no web
+framework, no database and no compiler.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Array types, and the one way arrays become immutable."""
+"""Array types, and read-only copies of arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Bools = NDArray[np.bool]
 
 
 def frozen(array: Any, dtype: Any) -> NDArray[Any]:
-    """Return `array` as a contiguous, read-only array of `dtype`; the caller's own array is never changed."""
+    """Return `array` as a contiguous, read-only copy of `dtype`."""
     result = np.array(array, dtype=dtype, order="C")
     result.flags.writeable = False
     return result

@@ -1,52 +1,53 @@
-"""Every error unbend raises on purpose, in one tree.
+"""The errors of unbend, in one tree.
 
     UnbendError
-    ├── MeshError                 the mesh given cannot be used
-    │   ├── MeshFormatError       not a format we read
+    ├── MeshError                 the mesh cannot be used
+    │   ├── MeshFormatError       its format is unknown
     │   ├── MeshReadError         the file is damaged or incomplete
     │   ├── MeshTooLargeError     it holds more vertices or triangles than allowed
-    │   └── MeshGeometryError     it was read, but holds no usable surface
+    │   └── MeshGeometryError     it has no usable surface
     ├── ParameterError            an argument is out of its range
-    │   └── UnsuitedError         it is in its range, but what is there does not allow it
-    ├── StoreError                the library's store
+    │   └── UnsuitedError         it is in its range, but the mesh or the library does not allow it
+    ├── StoreError                the store of the library fails
     │   ├── NotFoundError         no such record
     │   ├── ChangedError          the record was changed since the caller read it
-    │   ├── StoreVersionError     the store was made by another version
-    │   ├── StoreFullError        its disk has no room
+    │   ├── StoreVersionError     another version made the store
+    │   ├── StoreFullError        its disk is full
     │   ├── StoreLostError        its file was removed or replaced
     │   ├── StoreInUseError       another server runs its jobs
-    │   └── BackupError           a file is no whole library
-    ├── JobError                  why a job did not give a result
+    │   └── BackupError           a file is no complete library
+    ├── JobError                  a job has no result
     │   ├── JobTimeoutError       it ran longer than allowed
-    │   │   └── CallTimeoutError  an answer in place did
-    │   ├── JobMemoryError        it asked for more memory than allowed
-    │   ├── JobCancelledError     somebody cancelled it
+    │   │   └── CallTimeoutError  a call without a job did
+    │   ├── JobMemoryError        it needed more memory than allowed
+    │   ├── JobCancelledError     it was cancelled
     │   └── WorkerLostError       its process died
     ├── AccessError               the caller may not do this
-    │   ├── KeyRequiredError      no API key came with the call
-    │   ├── KeyInvalidError       what came is no live key of this library
+    │   ├── KeyRequiredError      the request has no API key
+    │   ├── KeyInvalidError       the key is not one of this library
     │   ├── ScopeError            the key may only read
-    │   ├── OriginError           another web site's page sent it
-    │   ├── HostError             it was called by a name that is not its own
-    │   └── ExposedError          others could reach the service, and nothing asks them for a key
-    ├── AddressError              the service cannot listen where it should
-    ├── RateLimitError            too many calls in a minute
-    ├── UploadTooLargeError       more bytes than the service takes
-    ├── UploadTooSlowError        its bytes did not come in time
-    ├── TemporaryFullError        the disk for temporary files has no room
-    ├── BusyError                 too much at a time
+    │   ├── OriginError           a page of another website sent the request
+    │   ├── HostError             the request names an unknown host
+    │   └── ExposedError          the service would be public without keys
+    ├── AddressError              the service cannot listen at its address
+    ├── RateLimitError            too many requests in a minute
+    ├── UploadTooLargeError       the request is too large
+    ├── UploadTooSlowError        the request arrived too slowly
+    ├── TemporaryFullError        the disk for temporary files is full
+    ├── BusyError                 too many requests of a kind at a time
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
-    ├── IdempotencyError          another request was sent under the same name
-    └── ServiceError              the service answered with a problem, or not at all
+    ├── IdempotencyError          another request had the same idempotency key
+    └── ServiceError              the service responded with a problem, or not at all
 
-`code` is the stable, lower-case name of an error for programs: it stands in failed jobs and in HTTP
-problem documents. `advice` says in one sentence what the caller can do.
+`code` is the stable, lower-case name of an error for programs, in failed jobs and in HTTP problem documents. `advice`
+tells the caller in one sentence what to do.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Collection, Iterator
+from typing import ClassVar, TypeVar
 
 
 class UnbendError(Exception):
@@ -57,21 +58,21 @@ class UnbendError(Exception):
 
 
 class MeshError(UnbendError, ValueError):
-    """The mesh given cannot be used."""
+    """The mesh cannot be used."""
 
     code = "mesh_invalid"
     advice = "Check the mesh in a viewer and export it again."
 
 
 class MeshFormatError(MeshError):
-    """The bytes are not of a format we read."""
+    """The format of the file is unknown."""
 
     code = "mesh_format"
     advice = "Send a single off, obj, ply, stl or glb file."
 
 
 class MeshReadError(MeshError):
-    """The file is of a known format but damaged or incomplete."""
+    """The file has a known format, but is damaged or incomplete."""
 
     code = "mesh_read"
     advice = "The file is damaged or incomplete: export it again."
@@ -85,7 +86,7 @@ class MeshTooLargeError(MeshError):
 
 
 class MeshGeometryError(MeshError):
-    """The file was read but holds no usable surface."""
+    """The file was read, but has no usable surface."""
 
     code = "mesh_geometry"
     advice = "A surface needs finite coordinates and at least one triangle that has an area."
@@ -100,18 +101,18 @@ class ParameterError(UnbendError, ValueError):
     def __init__(self, message: str, *, field: str = "") -> None:
         super().__init__(message)
         self.field = field
-        """Where in a request the argument came from, as body.parameters; empty where it came from none."""
+        """The argument, or its place in a request, such as body.parameters; empty if unknown."""
 
 
 class UnsuitedError(ParameterError):
-    """An argument is in its range, but the mesh or the library at hand does not allow what is asked."""
+    """An argument is in its range, but the mesh or the library does not allow it."""
 
     code = "unsuited"
-    advice = "Ask it of another shape, or again when the library holds what the message says."
+    advice = "Try another shape, or try again once the library contains what the message names."
 
 
 class StoreError(UnbendError):
-    """The library's store cannot do what was asked."""
+    """The store of the library fails."""
 
     code = "store"
 
@@ -124,28 +125,28 @@ class NotFoundError(StoreError, LookupError):
 
 
 class ChangedError(StoreError):
-    """The record was changed since the caller read it, so that the change would undo another's."""
+    """The record was changed since the caller read it, so that this change would overwrite another."""
 
     code = "precondition_failed"
     advice = "Read the record again, and send the change with its new ETag."
 
 
 class StoreVersionError(StoreError):
-    """The store was made by a version of unbend that this one cannot read."""
+    """A later version of unbend made the store."""
 
     code = "store_version"
     advice = "Open it with the version of unbend that made it, or a newer one."
 
 
 class StoreFullError(StoreError):
-    """The disk that holds the store has no room."""
+    """The disk of the store is full."""
 
     code = "store_full"
-    advice = "Remove shapes that are not needed, or give the library's disk more room."
+    advice = "Remove shapes that are not needed, or enlarge the library's disk."
 
 
 class StoreLostError(StoreError):
-    """The store's file was removed, or another one was put in its place, while it was open."""
+    """The file of the store was removed or replaced while it was open."""
 
     code = "store_lost"
     advice = "Put the library's file back and restart the server; `unbend restore` replaces a library in use safely."
@@ -159,14 +160,14 @@ class StoreInUseError(StoreError):
 
 
 class BackupError(StoreError):
-    """A file that should be a library, or the backup of one, is not, or is damaged."""
+    """A file is damaged, or is no library or backup."""
 
     code = "backup"
     advice = "Take an older backup, or make a new one."
 
 
 class JobError(UnbendError):
-    """A job did not give a result."""
+    """A job has no result."""
 
     code = "job_failed"
 
@@ -179,21 +180,23 @@ class JobTimeoutError(JobError):
 
 
 class CallTimeoutError(JobTimeoutError):
-    """An answer in place took longer than the service allows."""
+    """A request without a job took longer than the service allows."""
 
     code = "call_timeout"
-    advice = "Ask again with the header Prefer: respond-async, which makes it a job, or raise UNBEND_CALL_SECONDS."
+    advice = (
+        "Repeat the request with the header Prefer: respond-async, which makes it a job, or raise UNBEND_CALL_SECONDS."
+    )
 
 
 class JobMemoryError(JobError):
-    """A job asked for more memory than the service allows."""
+    """A job needed more memory than the service allows."""
 
     code = "job_memory"
     advice = "Send a mesh with fewer vertices, or raise UNBEND_JOB_MEMORY_MB."
 
 
 class JobCancelledError(JobError):
-    """Somebody cancelled the job."""
+    """The job was cancelled."""
 
     code = "job_cancelled"
     advice = "Submit the mesh again if it is still wanted."
@@ -213,59 +216,59 @@ class AccessError(UnbendError):
 
 
 class KeyRequiredError(AccessError):
-    """The call needs an API key, and none came with it."""
+    """The request needs an API key, and has none."""
 
     code = "key_required"
     advice = "Send the header Authorization: Bearer KEY; `unbend keys create` makes keys."
 
 
 class KeyInvalidError(AccessError):
-    """What came with the call is no live key of this library. It is not said why, so that nothing can be probed."""
+    """The key of the request is not valid for this library. The message hides why, so that keys cannot be probed."""
 
     code = "key_invalid"
-    advice = "Check the header Authorization: Bearer KEY; the key may have been revoked, or be another library's."
+    advice = "Check the header Authorization: Bearer KEY; the key may be revoked, or belong to another library."
 
 
 class ScopeError(AccessError):
-    """The key may read, and the call writes."""
+    """The key may only read, and the request writes."""
 
     code = "scope_insufficient"
     advice = "Use a key made with `unbend keys create --scope write`."
 
 
 class OriginError(AccessError):
-    """A page of another web site sent a write to a service that asks for no key."""
+    """A page of another website sent a write to a service without keys."""
 
     code = "origin_refused"
-    advice = "Name the site in UNBEND_CORS_ORIGINS if it may write, or have the service ask for keys."
+    advice = "Add the site to UNBEND_CORS_ORIGINS if it may write, or create a key, so that the service needs keys."
 
 
 class HostError(AccessError):
-    """The service was called by a name that it does not know, and asks for no key: another site may lead here."""
+    """A request to a service without keys names an unknown host: a website may have sent it by DNS rebinding."""
 
     code = "host_refused"
-    advice = "Call it by its address or as localhost, name the host in UNBEND_ALLOWED_HOSTS, or make a key."
+    advice = "Use the address or localhost, add the host to UNBEND_ALLOWED_HOSTS, or create a key."
 
 
 class ExposedError(AccessError):
-    """The service would be reached by others, and nothing would ask them for a key."""
+    """The service would be public without keys."""
 
     code = "exposed"
-    advice = "Make a key with `unbend keys create`, or say --open if others may read and write."
+    advice = "Create a key with `unbend keys create`, or use --open if everybody may read and write."
 
 
 class AddressError(UnbendError):
-    """The service cannot listen at the address it was given."""
+    """The service cannot listen at its address."""
 
     code = "address"
-    advice = "Stop what listens there already, or choose another --port."
+    advice = "Stop the program that listens there, or choose another --port."
 
 
 class RateLimitError(UnbendError):
-    """More calls in a minute than the service takes; try again after `retry_after` seconds."""
+    """Too many requests in a minute; retry after `retry_after` seconds."""
 
     code = "rate_limited"
-    advice = "Wait as long as Retry-After says and send the request again."
+    advice = "Wait for the seconds in Retry-After, and send the request again."
 
     def __init__(self, message: str, retry_after: int = 1) -> None:
         super().__init__(message)
@@ -273,31 +276,31 @@ class RateLimitError(UnbendError):
 
 
 class UploadTooLargeError(UnbendError):
-    """A request has more bytes than the service takes."""
+    """A request is larger than the service allows."""
 
     code = "upload_too_large"
     advice = "Send less, or raise UNBEND_MAX_UPLOAD_MB for files and UNBEND_MAX_JSON_KB for other requests."
 
 
 class UploadTooSlowError(UnbendError):
-    """The bytes of a request did not come in time."""
+    """A request arrived more slowly than the service allows."""
 
     code = "upload_too_slow"
-    advice = "Send it again over a better line, or a smaller file."
+    advice = "Send it again over a faster connection, or send a smaller file."
 
 
 class TemporaryFullError(UnbendError):
-    """The disk for temporary files has no room for a request's body."""
+    """The disk for temporary files is full."""
 
     code = "temporary_full"
-    advice = "Give the folder for temporary files (TMPDIR) more room, or send a smaller file."
+    advice = "Free space in the folder for temporary files (TMPDIR), or send a smaller file."
 
 
 class BusyError(UnbendError):
-    """The service has too much of something at a time; try again after `retry_after` seconds."""
+    """The service is at a limit; retry after `retry_after` seconds."""
 
     code = "busy"
-    advice = "Wait as long as Retry-After says and send the request again."
+    advice = "Wait for the seconds in Retry-After, and send the request again."
 
     def __init__(self, message: str, retry_after: int = 1) -> None:
         super().__init__(message)
@@ -305,10 +308,10 @@ class BusyError(UnbendError):
 
 
 class QueueFullError(UnbendError):
-    """Too many jobs wait already; try again after `retry_after` seconds."""
+    """Too many jobs wait already; retry after `retry_after` seconds."""
 
     code = "queue_full"
-    advice = "Wait as long as Retry-After says and send the request again."
+    advice = "Wait for the seconds in Retry-After, and send the request again."
 
     def __init__(self, message: str, retry_after: int = 1) -> None:
         super().__init__(message)
@@ -316,7 +319,7 @@ class QueueFullError(UnbendError):
 
 
 class QuotaError(UnbendError):
-    """The key has its full quota of unfinished jobs; try again after `retry_after` seconds."""
+    """The key has its full quota of unfinished jobs; retry after `retry_after` seconds."""
 
     code = "quota_exceeded"
     advice = "Wait until some of the key's jobs have ended, or cancel them."
@@ -327,14 +330,14 @@ class QuotaError(UnbendError):
 
 
 class IdempotencyError(UnbendError, ValueError):
-    """A request was sent with the Idempotency-Key of another one."""
+    """A request has the Idempotency-Key of another one."""
 
     code = "idempotency_mismatch"
-    advice = "Send each request with a key of its own, and the same key only to repeat it as it was."
+    advice = "Use a new key for each request, and repeat a key only with the same request."
 
 
 class ServiceError(UnbendError):
-    """The service answered with a problem (RFC 9457), or could not be reached."""
+    """The service responded with a problem (RFC 9457), or could not be reached."""
 
     code = "service"
 
@@ -342,3 +345,19 @@ class ServiceError(UnbendError):
         super().__init__(message)
         self.status = status
         self.problem = problem or {}
+
+
+T = TypeVar("T", bound=UnbendError)
+
+
+def subclasses(base: type[T]) -> Iterator[type[T]]:
+    """Yield an error class and all classes derived from it."""
+    yield base
+    for kind in base.__subclasses__():
+        yield from subclasses(kind)
+
+
+def check_choice(name: str, value: object, choices: Collection[str]) -> None:
+    """Raise ParameterError if an argument is not one of its choices."""
+    if value not in choices:
+        raise ParameterError(f"{name} must be one of {', '.join(choices)}, not {value!r}")

@@ -1,4 +1,4 @@
-"""Memory of the process: what large bodies took is given back to the system when they are gone."""
+"""Settings of the C allocator, so that memory of large requests and responses returns to the operating system."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _ARENAS: Final = 2
 
 
 def prepare() -> None:
-    """Have what is larger than a megabyte allocated apart, so that it goes back when it is freed.
+    """Make glibc map blocks of more than a megabyte separately, so that they return to the system when freed.
 
-    glibc raises that bound as large blocks are freed, and keeps a heap for each thread: a server that once answered
-    many large bodies would keep their memory. Other systems are left as they are.
+    By default glibc raises that bound as large blocks are freed, and keeps a heap for each thread: a server that once
+    sent many large responses would keep their memory. On other systems this does nothing.
     """
     if libc := _glibc():
         libc.mallopt(_MMAP_THRESHOLD, _LARGE)
@@ -25,7 +25,7 @@ def prepare() -> None:
 
 
 def give_back() -> None:
-    """Give free memory back to the system; takes milliseconds, in which the interpreter goes on."""
+    """Return free memory to the system; this takes milliseconds and does not hold the GIL."""
     if libc := _glibc():
         libc.malloc_trim(0)
 

@@ -1,4 +1,4 @@
-"""The one place that says how numeric kernels are compiled."""
+"""Decorators that compile numeric kernels with Numba."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _DATA: Final = 1
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` on first use, keep the machine code on disk, and run it without the GIL.
 
-    Floating point stays strict (no fastmath), so that results do not depend on how a loop was vectorised.
+    Floating point stays strict (no fastmath), so results do not depend on how a loop is vectorised.
     """
     return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def summing(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function` like `kernel`, but let its sums be taken in whichever order fills vector registers.
+    """Compile `function` like `kernel`, but let the compiler reorder its sums to fill vector registers.
 
-    The order is settled when it is compiled: it depends on the processor and on how many terms there are, not on
-    where they are or on who adds them. A sum that must be the same on every processor is no work for it.
+    The order is fixed at compile time. It depends on the processor and on the number of terms, not on their place in
+    memory or on the thread that adds them. Do not use it for sums that must be equal on every processor.
     """
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc"})(function)
     return cast("Callable[P, R]", compiled)
@@ -40,14 +40,14 @@ def summing(function: Callable[P, R]) -> Callable[P, R]:
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function`, which takes and returns scalars, as a part of the kernels that call it.
 
-    Inner loops pass it no arrays: Numba counts references to an array at each call, which costs more than the
-    arithmetic does.
+    In inner loops, do not pass it arrays: Numba counts references to an array at each call, which costs more than the
+    arithmetic.
     """
     return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy")(function))
 
 
 def _prefetch(_typing_context: Any, array: Any, _byte: Any) -> Any:
-    """Ask for the cache line of `array` at an offset in bytes: a kernel that knows what it reads next need not wait."""
+    """Prefetch the cache line of `array` at an offset in bytes, for a kernel that knows what it reads next."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)

@@ -1,4 +1,4 @@
-"""Values that are the same after a round trip through JSON."""
+"""Dataclasses that survive a round trip through JSON, and parsing of JSON text."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from unbend.errors import ParameterError
 class JsonObject:
     """Base of frozen dataclasses that check their own fields, all of them plain JSON values."""
 
-    called: ClassVar[str]
-    """What messages call it."""
+    display_name: ClassVar[str]
+    """Name of the object in error messages."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON values."""
@@ -27,29 +27,31 @@ class JsonObject:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make one from some of the fields, the rest at their defaults; ParameterError names an unknown one."""
+        """Create an instance from some fields, the rest at their defaults; ParameterError names an unknown field."""
         known = {field.name for field in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise ParameterError(f"{cls.called}: unknown field {unknown[0]!r}; known are {', '.join(sorted(known))}")
+            raise ParameterError(
+                f"{cls.display_name}: unknown field {unknown[0]!r}; known are {', '.join(sorted(known))}"
+            )
         return cls(**values)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Make one from JSON text; ParameterError if it is not an object of known fields."""
-        values = parse_json(text, cls.called)
+        """Create an instance from JSON text; ParameterError if it is not an object of known fields."""
+        values = parse_json(text, cls.display_name)
         if not isinstance(values, dict):
-            raise ParameterError(f"{cls.called} must be a JSON object")
+            raise ParameterError(f"{cls.display_name} must be a JSON object")
         return cls.from_dict({name: as_whole(value) for name, value in values.items()})
 
 
 def as_whole(value: Any) -> Any:
-    """Return a float without a fraction as an integer, anything else as it is: JSON knows one kind of number."""
+    """Return a float without a fraction as an integer, anything else unchanged: JSON has one type of number."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def parse_json(text: str, what: str) -> Any:
-    """Return the value of JSON text; ParameterError where it is none, or nested too deeply."""
+    """Return the value of JSON text; ParameterError if it is not JSON, or nested too deeply."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

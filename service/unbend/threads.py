@@ -1,4 +1,4 @@
-"""Work on many items, in threads. Kernels run without the GIL, so threads share the cores."""
+"""Threads for work on many items. Kernels run without the GIL, so threads run in parallel."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from unbend.errors import ParameterError
 
 Progress = Callable[[float], None]
-"""Called with the share of the work that is done, 0 to 1."""
+"""Callback that receives the share of the work that is done, 0 to 1."""
 
 _PARTS_PER_THREAD = 8  # enough to even out slow items and to show progress
 
 
 def available_cores() -> int:
-    """Cores this process may use."""
+    """Return the number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -30,7 +30,7 @@ def check_threads(threads: int | None) -> int:
 
 
 def share_out(count: int, threads: int | None, work: Callable[[slice], None], progress: Progress | None = None) -> None:
-    """Do `work` on parts of `count` items, in threads that take parts as they become free."""
+    """Call `work` on slices of `count` items, in threads that each take the next slice when they are free."""
 
     def run(part: slice) -> int:
         work(part)

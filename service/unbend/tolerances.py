@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 DEGENERATE_HEIGHT: Final = 1e-10
-"""A triangle whose height is below this share of its longest edge carries no direction: it is counted and kept.
+"""A triangle whose height is below this share of its longest edge has no direction: it is counted and kept.
 
 In double precision a height is known to about 1e-16 of the edge; six digits above that, the unfolded
 coordinates of `geodesics.stencils` still keep six digits.
@@ -14,47 +14,47 @@ coordinates of `geodesics.stencils` still keep six digits.
 SEAM_GAP: Final = 1e-6
 """Largest gap between the two sides of a seam, as a share of the surface's extent.
 
-They are the same points, written twice in single precision or as text of six or seven digits.
+Both sides are the same points, written twice in single precision or as text of six or seven digits.
 """
 
 SEAM_EDGES: Final = 10.0
-"""Shortest edge, in widths of `SEAM_GAP`, at a vertex that is joined across a gap: smaller features must not vanish."""
+"""Shortest edge, in widths of `SEAM_GAP`, at a vertex joined across a gap, so that smaller features do not vanish."""
 
 SAME_ANGLE: Final = 1e-4
-"""Faces around an edge lie on each other where their angles, in radians, differ by less than this."""
+"""Faces around an edge coincide where their angles, in radians, differ by less than this."""
 
 AREA_KEPT: Final = 0.9
-"""Where less than this share of the area is kept, the surface may not be what the file's owner means."""
+"""Below this share of the area kept, the surface may not be what the file's author intended."""
 
 DEGENERATE_BASE: Final = 1e-7
 """An edge below this share of the other two of its triangle has no direction: no front crosses it."""
 
 NEEDLE: Final = 1e4
-"""A triangle's far edge this many times as long as its shortest leaves single precision no direction across it."""
+"""Ratio of a triangle's longest edge to its shortest beyond which single precision has no direction across it."""
 
 LONGEST_EDGE: Final = 1e9
-"""Longest edge, in median ones, of a surface whose squared distances single precision can hold."""
+"""Longest edge, in median edges, for which squared distances fit in single precision."""
 
 MOLLIFIED: Final = 1e-11
 """Least excess, in median edges, of two sides of a triangle over the third before flips (Sharp & Crane 2020)."""
 
 DELAUNAY: Final = 1e-9
-"""An edge is flipped where the cotangents opposite it sum to less than minus this, so that squares stay as they are."""
+"""An edge is flipped where the cotangents opposite it sum to less than minus this, so that squares are not flipped."""
 
 FLIPS: Final = 100
-"""Most flips per face. Lawson's flips end by themselves, but rounding on triangles without an area may go on."""
+"""Most flips per face. Lawson's algorithm ends in exact arithmetic, but rounding on triangles of zero area can loop."""
 
 THIN_ANGLE: Final = 10.0
 """Degrees below which the smallest angle of an intrinsic triangle is always refined: 1 % of a scan's faces."""
 
 ROUND_ANGLE: Final = 25.0
-"""Degrees to which a stretched surface is refined. It surely ends up to 20.7, and in practice up to 30."""
+"""Degrees to which a stretched surface is refined. Refinement provably ends up to 20.7, and in practice up to 30."""
 
 STRETCHED_SHARE: Final = 0.03
 """A surface is stretched where more than this share of its faces have an angle below `THIN_ANGLE` after all flips."""
 
 NARROW: Final = 60.0
-"""Where the angle around a vertex is below this, in degrees, its triangles stay thin whatever is inserted."""
+"""Where the angle around a vertex is below this, in degrees, its triangles stay thin after any insertion."""
 
 MOST_STEINER: Final = 4.0
 """Most Steiner points per vertex of the surface, in addition to `STEINER_FLOOR`."""
@@ -66,93 +66,94 @@ HOPELESS: Final = 1e-3
 """A triangle whose shortest side is below this share of its longest is not refined: that takes thousands of points."""
 
 REFINEMENT_STEPS: Final = 200
-"""Most triangles crossed in search of a circumcentre. It is far from its triangle only at first."""
+"""Most triangles crossed in search of a circumcentre. Only early circumcentres are far from their triangle."""
 
 START_EVENTS: Final = 224
-"""Windows and pseudo-sources that the exact start of a front goes through: about four rings of vertices."""
+"""Windows and pseudo-sources that the exact start of a front processes: about four rings of vertices."""
 
 START_RADIUS: Final = 2.75
-"""Radius, in median edges, below which the exact start goes on, for up to three times `START_EVENTS`."""
+"""Radius, in median edges, below which the exact start continues, for up to three times `START_EVENTS`."""
 
 SADDLE: Final = 1e-10
 """Shortest paths may bend at a vertex around which the angle exceeds a full turn by more than this, in radians.
 
-On flat meshes rounding gives less. Behind a vertex of smaller excess, rays that graze it meet everything.
+Rounding on flat meshes gives less. Behind a vertex of smaller excess, rays that graze it reach every vertex.
 """
 
 PLANAR_START: Final = 0.1
 """Radius, in edges by the root of the number of triangles, of the disc in which planar marching updates spherically.
 
-A fixed share of the surface: a front is round near its source, and what the planar update errs there it carries
-everywhere. With a disc of a fixed number of edges the error falls more slowly than the edge length.
+The disc is a fixed share of the surface. A front is round near its source, and marching carries the error of the
+planar update there everywhere. With a disc of a fixed number of edges, the error falls more slowly than the edge
+length.
 """
 
 PLANAR_START_EDGES: Final = 3.0
 """The least radius of that disc, in median edges."""
 
 RAY_MARGIN: Final = 1e-6
-"""How far, as a share of the segment, a ray may miss its end: rounding must not lose a ray through a vertex."""
+"""Share of the segment by which a ray may miss its end, so that rounding does not lose a ray through a vertex."""
 
 MARCHING_DECREASE: Final = 1e-6
-"""A distance is lowered again only by more than this share of it: single precision keeps 6e-8."""
+"""A distance is lowered again only by more than this share of it; single precision has 6e-8."""
 
 DOUBTFUL_ASYMMETRY: Final = 0.05
-"""Distances are doubtful where both directions of one differ by more than this share of the largest.
+"""Distances are doubtful if the two directions of a pair differ by more than this share of the largest distance.
 
 On real meshes they differed by at most 0.03, on one of 252 vertices. Of 500 defective meshes, those without a warning
-erred by at most 4 % of the largest distance, those with one by up to 21 %.
+had errors of at most 4 % of the largest distance, those with one of up to 21 %.
 """
 
 SAMPLING_TIE: Final = 1e-3
 """Vertices this near to the farthest, as a share of its distance, count as equally far: the first is sampled.
 
-Distances err by about as much, so a smaller difference between a flat and a bent sheet means nothing.
+Distances have errors of about this size, so a smaller difference between a flat and a bent sheet means nothing.
 """
 
 UNFOLDING_STEPS: Final = 12
-"""Triangles an obtuse corner is unfolded over before it is left as it is.
+"""Most triangles over which an obtuse corner is unfolded.
 
 Kimmel & Sethian (1998) bound the number by the mesh's smallest angle; 12 suffices for angles above 8 degrees.
 """
 
 SYMMETRY: Final = 1e-9
-"""By how much, as a share of the largest, entries of a symmetric matrix may differ from their mirror images."""
+"""Share of the largest entry by which entries of a symmetric matrix may differ from their mirror images."""
 
 REPRESENTATION_ERROR: Final = 0.05
-"""Of an embedding in the effective dimension (section 3: "we allowed a representation error of up to 5 percent")."""
+"""Error of an embedding in the effective dimension (section 3: "a representation error of up to 5 percent")."""
 
 EIGENPAIR_RESIDUAL: Final = 1e-8
-"""Norm of B v - lambda v, in units of the largest eigenvalue, at which an eigenpair of classical scaling is done.
+"""Norm of B v - lambda v, in units of the largest eigenvalue, at which an eigenpair of classical scaling has converged.
 
-An eigenvalue errs by the square of that, over its distance from the next.
+The error of an eigenvalue is the square of that, over its distance from the next.
 """
 
 SMACOF_DECREASE: Final = 1e-6
 """SMACOF stops when two iterations lower the stress by less than this share of it (section 3.2, step 5)."""
 
 SMACOF_ITERATIONS: Final = 300
-"""SMACOF stops after this many iterations whatever the decrease."""
+"""Most iterations of SMACOF, for any decrease."""
 
 SMACOF_MEMORY: Final = 8
-"""Steps that accelerated scaling remembers; with twenty it takes as many iterations."""
+"""Steps that accelerated scaling remembers; with twenty it needs as many iterations."""
 
 SINGLE_STRESS: Final = 1e-6
-"""Below this stress, distances differ by less than a thousandth, and scaling goes on in double precision."""
+"""Below this stress, distances differ by less than a thousandth, and scaling continues in double precision."""
 
 ZERO_STRESS: Final = 1e-24
-"""Below this stress only rounding is left to lower."""
+"""Below this stress only rounding is left."""
 
 SPECTRUM_FLOOR: Final = 1e-9
-"""Eigenvalues of the geodesic spectrum below this are rounding; the largest is near 1, for weights sum to 1."""
+"""Eigenvalues of the geodesic spectrum below this are rounding; the largest is near 1, because weights sum to 1."""
 
 DENSITY_FLOOR: Final = 1e-12
-"""Share of a surface's area within the width of a kernel below which a sample has nothing near it, not even itself.
+"""Lower bound of the share of a surface's area within the width of a kernel around a sample.
 
-Only needles of twenty orders of magnitude come near it; without it the diffusion kernel divides by zero there.
+Only needles of twenty orders of magnitude come near it; without it the diffusion kernel would divide by zero there.
 """
 
 FLAT_CORNER: Final = 1e-6
 """Share of a polygon's area by which the triangles that cut it may overlap.
 
-Corners on a line are off it by about as much when they were rounded to single precision.
+Rounding to single precision moves corners off a line by about as much.
 """

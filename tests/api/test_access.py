@@ -16,12 +16,11 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, post_mesh, small_mesh
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, post_mesh, small_mesh
 from unbend import Client, Library
 from unbend.api import Settings, create_app
 from unbend.errors import ServiceError
-from unbend.library.keys import create_key, revoke_key
 
 FEW = json.dumps(SAMPLES)
 ALWAYS = {"x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "x-frame-options": "DENY"}
@@ -43,13 +42,13 @@ class Keyed:
 
 
 def new_key(library: object, scope: str = "read") -> str:
-    with Library(str(library)) as opened, opened.store.write() as connection:
-        return create_key(connection, "a key", scope)[1]
+    with Library(str(library)) as opened:
+        return opened.keys.create("a key", scope)[1]
 
 
 def revoke(library: object, text: str) -> None:
-    with Library(str(library)) as opened, opened.store.write() as connection:
-        revoke_key(connection, text.split("_", 2)[1])
+    with Library(str(library)) as opened:
+        opened.keys.revoke(text.split("_", 2)[1])
 
 
 @pytest.fixture(scope="module")
@@ -321,8 +320,8 @@ def test_a_call_within_the_process_needs_no_key_until_there_is_one(tmp_path):
         inside = httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://inside")
         async with app.router.lifespan_context(app), inside as client:
             first = await client.get("/v1/shapes")
-            with Library(path) as library, library.store.write() as connection:
-                create_key(connection, "first", "read")
+            with Library(path) as library:
+                library.keys.create("first", "read")
             return [first.status_code, (await client.get("/v1/shapes")).status_code]
 
     assert asyncio.run(statuses()) == [200, 401]

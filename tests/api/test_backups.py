@@ -8,12 +8,11 @@ import time
 
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, small_mesh, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, small_mesh, stored
 from unbend import Library
-from unbend.api.backups import backups_in
-from unbend.library.backup import restore, verify
-from unbend.library.keys import create_key
+from unbend.api.server.scheduled_backups import backups_in
+from unbend.library.backups.backup import restore, verify
 
 FEW = json.dumps(SAMPLES)
 PATIENCE = 60.0
@@ -43,8 +42,8 @@ def test_a_backup_over_http_is_sound_and_leaves_nothing(tmp_path):
 
 
 def test_a_backup_over_http_needs_a_key_that_writes(tmp_path):
-    with Library(str(tmp_path / "library.db")) as library, library.store.write() as connection:
-        read, write = (create_key(connection, scope, scope)[1] for scope in ("read", "write"))
+    with Library(str(tmp_path / "library.db")) as library:
+        read, write = (library.keys.create(scope, scope)[1] for scope in ("read", "write"))
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as http:
         check(http.post("/v1/backups"), 401, "key_required")
         check(http.post("/v1/backups", headers={"Authorization": f"Bearer {read}"}), 403, "scope_insufficient")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mesh_cases import AREAS, CASES, REFUSED, surface_area_of
-from server import ended, post_mesh
+from tests.support.mesh_cases import AREAS, CASES, REFUSED, surface_area_of
+from tests.support.server import ended, post_mesh
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import json
 
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, small_mesh, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, small_mesh, stored
 
 FEW = json.dumps(SAMPLES)
 

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from conformance import CHECK_NAMES, PHASES, Report, run
-from server import Server
+from tests.support.conformance import CHECK_NAMES, PHASES, Report, run
+from tests.support.server import Server
 from unbend.library import Library
-from unbend.library.keys import create_key
 
 EXAMPLES, STEPS = 5, 8
 
@@ -33,6 +32,7 @@ def look_at(report: Report) -> None:
     """A run that found nothing, and looked everywhere."""
     assert not report.failed, report.output
     assert {name: report.phases.get(name) for name in PHASES} == dict.fromkeys(PHASES, "success"), report.output
+    assert len(CHECK_NAMES) > 10
     assert {name for name in CHECK_NAMES if not report.checks[name]} <= {"ignored_auth"}
     for phase in ("coverage", "fuzzing"):
         assert report.operations <= {label for where, label in report.cases if where == phase}
@@ -49,8 +49,8 @@ def test_an_open_service_keeps_its_contract(own_server: Server, tmp_path: Path, 
 
 
 def test_a_service_with_keys_keeps_its_contract(own_server: Server, tmp_path: Path, seed: int | None) -> None:
-    with Library(str(own_server.library)) as library, library.store.write() as connection:
-        _, key = create_key(connection, "schemathesis", "write")
+    with Library(str(own_server.library)) as library:
+        _, key = library.keys.create("schemathesis", "write")
     report = run(own_server.url, tmp_path, examples=EXAMPLES, steps=STEPS, seed=seed, key=key)
     look_at(report)
     assert report.checks["ignored_auth"]

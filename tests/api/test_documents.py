@@ -13,7 +13,7 @@ import pytest
 
 from unbend import MeshPolicy, Parameters, read_mesh
 from unbend.api import create_app
-from unbend.api.fields import FILE, ParametersFields, PolicyFields
+from unbend.api.schema.fields import FILE, ParametersFields, PolicyFields
 from unbend.errors import ParameterError
 
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"

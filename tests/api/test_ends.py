@@ -13,9 +13,19 @@ import time
 
 import pytest
 
-from disk import small_disk
-from problem import check
-from server import ENDLESS, SAMPLES, Server, ended, endless_mesh, medium_mesh, post_mesh, small_mesh, without_settings
+from tests.support.disk import small_disk
+from tests.support.problem import check
+from tests.support.server import (
+    ENDLESS,
+    SAMPLES,
+    Server,
+    ended,
+    endless_mesh,
+    medium_mesh,
+    post_mesh,
+    small_mesh,
+    without_settings,
+)
 
 FEW = json.dumps(SAMPLES)
 PATIENCE = 60.0

@@ -14,11 +14,22 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from server import DAMAGED, ENDLESS, Server, ended, endless_mesh, medium_mesh, post_mesh, small_mesh, stored
+from tests.support.server import (
+    DAMAGED,
+    ENDLESS,
+    Server,
+    ended,
+    endless_mesh,
+    medium_mesh,
+    post_mesh,
+    small_mesh,
+    stored,
+)
 from unbend import Library, MeshPolicy, Parameters
-from unbend.api.events import event_id, events
-from unbend.jobs import JobRunner, Upload
-from unbend.jobs.observer import STAGES
+from unbend.api.routes.events import event_id, events
+from unbend.jobs import JobRunner
+from unbend.library.requests import ShapeRequest, Upload
+from unbend.progress import STAGES
 
 FEW = '{"samples": 27}'
 """Parameters that no other test of the shared server has."""
@@ -187,7 +198,7 @@ def test_a_silent_stream_has_heartbeats(tmp_path):
     async def story(library: Library) -> None:
         runner = JobRunner(library, workers=1)  # not started: the job waits
         upload = Upload(small_mesh(1), "ply", Parameters(samples=40), MeshPolicy())
-        job = await runner.submit("shape", upload, {"name": "n", "label": None, "metadata": {}})
+        job = await runner.submit_shape(upload, ShapeRequest("n"))
         stream = events(runner, job.id, None, heartbeat=0.0)
         assert await anext(stream) == "retry: 2000\n\n"
         assert (await anext(stream)).startswith(f"id: {event_id(job)}\n")

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from problem import check
-from server import Server, post_mesh, small_mesh
+from tests.support.problem import check
+from tests.support.server import Server, post_mesh, small_mesh
 from unbend import UnbendError
-from unbend.api.problems import MEDIA_TYPE, status_of
+from unbend.api.schema.problems import MEDIA_TYPE, status_of
 
 STATUSES = {
     "access": 403, "address": 500, "backup": 503, "busy": 503, "call_timeout": 504, "error": 500, "exposed": 403,

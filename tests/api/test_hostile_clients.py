@@ -18,10 +18,9 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, post_mesh, slow_mesh, small_mesh, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, post_mesh, slow_mesh, small_mesh, stored
 from unbend import Library
-from unbend.library.keys import create_key, revoke_key
 
 FEW = json.dumps(SAMPLES)
 MEGABYTE = 2**20
@@ -496,10 +495,10 @@ def test_who_goes_while_waiting_is_forgotten(server, api):
 
 
 def test_wrong_keys_are_answered_alike_and_not_for_long(tmp_path):
-    with Library(str(tmp_path / "library.db")) as library, library.store.write() as connection:
-        _, good = create_key(connection, "good", "read")
-        _, revoked = create_key(connection, "revoked", "read")
-        revoke_key(connection, revoked.split("_", 2)[1])
+    with Library(str(tmp_path / "library.db")) as library:
+        _, good = library.keys.create("good", "read")
+        _, revoked = library.keys.create("revoked", "read")
+        library.keys.revoke(revoked.split("_", 2)[1])
     other = f"{good[:-6]}AAAAAA"
     with Server(tmp_path, workers=1, ready=False, requests_per_minute=30) as server, server.http() as api:
 

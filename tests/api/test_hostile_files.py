@@ -17,9 +17,9 @@ from email.message import Message
 import httpx
 import pytest
 
-from fuzzing import glb, triangle_layout
-from problem import check
-from server import ended, post_mesh, small_mesh, stored
+from tests.support.fuzzing import glb, triangle_layout
+from tests.support.problem import check
+from tests.support.server import ended, post_mesh, small_mesh, stored
 
 FEW = '{"samples": 8}'
 OFF = b"OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0.5\n3 0 1 2\n3 1 3 2\n"

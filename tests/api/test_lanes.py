@@ -9,8 +9,8 @@ import time
 import httpx
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, ended, ply, small_mesh, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, ended, ply, small_mesh, stored
 from unbend.mesh.shapes import torus
 
 FEW = json.dumps(SAMPLES)

@@ -9,9 +9,9 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from server import DAMAGED, ENDLESS, SAMPLES, Server, ended, endless_mesh, post_mesh, small_mesh
+from tests.support.server import DAMAGED, ENDLESS, SAMPLES, Server, ended, endless_mesh, post_mesh, small_mesh
 from unbend import __version__
-from unbend.jobs.observer import STAGES
+from unbend.progress import STAGES
 
 FEW = json.dumps(SAMPLES)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from fastapi import HTTPException, Request
 
-from unbend.api.negotiation import choose_format
+from unbend.api.routes.downloads import choose_format
 
 
 def chosen(*accept: str, wanted: str | None = None, default: str = "json") -> str:

@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from server import SAMPLES, Server, small_mesh
-from unbend.api.configuration import read_settings
+from tests.support.server import SAMPLES, Server, small_mesh
+from unbend.api.server.configuration import read_settings
 from unbend.errors import ParameterError
 
 FEW = json.dumps(SAMPLES)

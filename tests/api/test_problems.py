@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from problem import check
-from server import SAMPLES, post_mesh, slow_mesh, small_mesh, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, post_mesh, slow_mesh, small_mesh, stored
 
 FEW = json.dumps(SAMPLES)
 

@@ -8,7 +8,7 @@ import uuid
 
 import pytest
 
-from server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored, two_rings
+from tests.support.server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored, two_rings
 from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.mesh.shapes import sphere
 

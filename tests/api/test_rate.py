@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from unbend.api.rate import RateLimit
+from unbend.api.middleware.rate_limit import RateLimit
 
 
 class Clock:

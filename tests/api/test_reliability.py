@@ -1,15 +1,15 @@
-"""Processes killed at chosen moments, and many jobs: small numbers of what benchmarks/reliability.py does."""
+"""Processes killed at chosen moments, and many jobs: small numbers of what benchmarks/service/reliability.py does."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from crashes import Crashes
-from footprint import footprint
-from kills import MOMENTS, PATIENCE, WorkerKiller
-from load import Caller, work
-from server import Server
+from tests.support.crashes import Crashes
+from tests.support.footprint import footprint
+from tests.support.kills import MOMENTS, PATIENCE, WorkerKiller
+from tests.support.load import Caller, work
+from tests.support.server import Server
 
 MORE_HANDLES = 2
 """Connections to the store that may be open more or fewer."""

@@ -14,9 +14,9 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.routing import Route
 
-from server import DAMAGED, SAMPLES, Server, ended, post_mesh, small_mesh
+from tests.support.server import DAMAGED, SAMPLES, Server, ended, post_mesh, small_mesh
 from unbend.api import Settings, create_app
-from unbend.api.metrics import Metrics
+from unbend.api.server.metrics import Metrics
 
 FEW = json.dumps(SAMPLES)
 OWN = re.compile(r"[0-9a-f]{32}")

@@ -11,7 +11,17 @@ import time
 
 import httpx
 
-from server import DAMAGED, ENDLESS, SAMPLES, Server, ended, endless_mesh, is_running, post_mesh, small_mesh
+from tests.support.server import (
+    DAMAGED,
+    ENDLESS,
+    SAMPLES,
+    Server,
+    ended,
+    endless_mesh,
+    is_running,
+    post_mesh,
+    small_mesh,
+)
 
 FEW = json.dumps(SAMPLES)
 PATIENCE = 60.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from server import ended, post_mesh, stored
+from tests.support.server import ended, post_mesh, stored
 from unbend import read_mesh
 from unbend.mesh.shapes import sphere
 from unbend.mesh.write import write_mesh

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from server import Server
+from tests.support.server import Server
 from unbend.api import Settings
-from unbend.api.configuration import read_settings, without_password
+from unbend.api.server.configuration import read_settings, without_password
 from unbend.cli import main
 from unbend.errors import ParameterError
 

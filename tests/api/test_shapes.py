@@ -10,7 +10,7 @@ import uuid
 import numpy as np
 import pytest
 
-from server import DAMAGED, SAMPLES, ended, ply, post_mesh, small_mesh, stored, two_rings
+from tests.support.server import DAMAGED, SAMPLES, ended, ply, post_mesh, small_mesh, stored, two_rings
 from unbend import MeshPolicy, Parameters, canonical_form, compute_signature, geodesic_distances, read_mesh
 from unbend.mesh.shapes import cylinder, sheet, tetrahedron
 

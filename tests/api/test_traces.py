@@ -19,12 +19,23 @@ import pytest
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
 from opentelemetry.proto.trace.v1.trace_pb2 import Span, Status
 
-from server import DAMAGED, ENDLESS, SAMPLES, Server, ended, endless_mesh, medium_mesh, post_mesh, without_settings
-from unbend.api.configuration import read_settings
-from unbend.api.traces import FLUSH_SECONDS, Traces
+from tests.support.server import (
+    DAMAGED,
+    ENDLESS,
+    SAMPLES,
+    Server,
+    ended,
+    endless_mesh,
+    medium_mesh,
+    post_mesh,
+    without_settings,
+)
+from unbend import MeshPolicy, Parameters
+from unbend.api.server.configuration import read_settings
+from unbend.api.server.traces import FLUSH_SECONDS, Traces
 from unbend.errors import ParameterError
-from unbend.jobs.observer import STAGES
 from unbend.library.records import JobRecord
+from unbend.progress import STAGES
 
 FEW = json.dumps(SAMPLES)
 PATIENCE = 30.0
@@ -275,8 +286,8 @@ def shape_job(job_id: str, **values: object) -> JobRecord:
     now = datetime.now(UTC)
     record = JobRecord(
         id=job_id, kind="shape", state="running", stage="starting", progress=0.0, attempts=1, restarts=0,
-        mesh_sha256="", file_type="ply", parameters="", policy="", request={}, error=None, result=None, shape_id=None,
-        created_at=now, started_at=now, finished_at=None, seq=1,
+        mesh_sha256="", file_type="ply", parameters=Parameters(), policy=MeshPolicy(), request=None, error=None,
+        result=None, shape_id=None, created_at=now, started_at=now, finished_at=None, seq=1,
     )  # fmt: skip
     return replace(record, **values)
 
@@ -323,7 +334,7 @@ def test_nothing_is_imported_before_it_is_asked_for_and_nothing_then_warns():
         # FastAPI itself brings the names of OpenTelemetry, in later versions
         "parts = ('opentelemetry.sdk', 'opentelemetry.exporter', 'opentelemetry.instrumentation', 'requests');"
         "print([name for name in sys.modules if name.startswith(parts)]);"
-        "import warnings; warnings.simplefilter('error'); import unbend.api.traces"
+        "import warnings; warnings.simplefilter('error'); import unbend.api.server.traces"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=without_settings()

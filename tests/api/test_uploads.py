@@ -7,10 +7,19 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from problem import check
-from server import DAMAGED, ENDLESS, SAMPLES, Server, ended, endless_mesh, medium_mesh, post_mesh, small_mesh
+from tests.support.problem import check
+from tests.support.server import (
+    DAMAGED,
+    ENDLESS,
+    SAMPLES,
+    Server,
+    ended,
+    endless_mesh,
+    medium_mesh,
+    post_mesh,
+    small_mesh,
+)
 from unbend import Library
-from unbend.library.keys import create_key
 
 FEW = json.dumps(SAMPLES)
 LONG = json.dumps(ENDLESS)
@@ -91,8 +100,8 @@ def keyed(tmp_path):
     """A server whose library has keys, and what makes more of them."""
 
     def key(scope: str, **limits) -> dict[str, str]:
-        with Library(str(tmp_path / "library.db")) as library, library.store.write() as connection:
-            return {"Authorization": f"Bearer {create_key(connection, 'a key', scope, **limits)[1]}"}
+        with Library(str(tmp_path / "library.db")) as library:
+            return {"Authorization": f"Bearer {library.keys.create('a key', scope, **limits)[1]}"}
 
     key("read")
     with Server(tmp_path, workers=1) as server, server.http() as http:

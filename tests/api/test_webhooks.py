@@ -14,8 +14,8 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
-from problem import check
-from server import DAMAGED, SAMPLES, Server, ended, post_mesh, small_mesh
+from tests.support.problem import check
+from tests.support.server import DAMAGED, SAMPLES, Server, ended, post_mesh, small_mesh
 
 FEW = json.dumps(SAMPLES)
 SECRET = "a secret of the tests"  # noqa: S105

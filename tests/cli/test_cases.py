@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from commands import called, failed_with_a_sentence, succeeded
-from mesh_cases import AREAS, CASES, REFUSED, surface_area_of
+from tests.support.commands import called, failed_with_a_sentence, succeeded
+from tests.support.mesh_cases import AREAS, CASES, REFUSED, surface_area_of
 
 
 @pytest.mark.parametrize("name", AREAS)

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commands import called, failed_with_a_sentence, succeeded, unbend
-from server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
+from tests.support.commands import called, failed_with_a_sentence, succeeded, unbend
+from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
-from unbend.matching.evaluate import evaluate, leave_one_out
+from unbend.matching.evaluate import evaluate
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
@@ -258,7 +258,7 @@ def test_an_import_and_a_query_read_and_compute_as_their_options_say(rings, tmp_
     succeeded("import", rings, *where, *OPTIONS, run=called)
     with Library(str(tmp_path / "a.db" if place == "library" else server.library)) as opened:
         record = opened.page(limit=500).items[-1]
-    assert (record.name, record.parameters, record.policy) == ("rings", CHOSEN.as_dict(), READ.as_dict())
+    assert (record.name, record.parameters, record.policy) == ("rings", CHOSEN, READ)
     query = ["query", rings / "rings.ply", *where, "--json"]
     (match,) = json.loads(succeeded(*query, *OPTIONS, run=called).stdout)["shapes"]
     assert (match["id"], match["distance"]) == (record.id, 0.0)
@@ -319,7 +319,7 @@ def test_an_import_whose_options_the_service_refuses_is_one_clear_line(folder, s
 
 def test_a_query_of_an_empty_library_says_so(folder, tmp_path):
     done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=called)
-    assert "nothing to compare with" in done.stdout
+    assert "no shapes to compare with" in done.stdout
 
 
 def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folder):
@@ -332,7 +332,8 @@ def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folde
         assert set(figures) == FIGURES
         measure = get_vector_measure(name)
         vectors = np.stack([measure.vector(signature.descriptors) for signature in signatures])
-        assert figures == pytest.approx(vars(leave_one_out(measure.matrix(vectors), labels)))
+        own = np.arange(len(labels))
+        assert figures == pytest.approx(vars(evaluate(measure.matrix(vectors), labels, labels, own=own).metrics))
     assert told["spectrum"]["nn"] == 1.0
     assert done.stderr == ""
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commands import called, succeeded
-from server import DAMAGED, ply, small_mesh
+from tests.support.commands import called, succeeded
+from tests.support.server import DAMAGED, ply, small_mesh
 from unbend import Library, Surface
 from unbend.mesh.shapes import sphere, torus
 

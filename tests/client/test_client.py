@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from server import (
+from tests.support.server import (
     DAMAGED,
     ENDLESS,
     SAMPLES,
@@ -29,7 +29,8 @@ from server import (
     small_mesh,
     two_rings,
 )
-from unbend import AsyncClient, Client, Library, Parameters, compute_signature, read_mesh
+from unbend import AsyncClient, Client, Library, Parameters, compute_signature, errors, read_mesh
+from unbend.client import protocol
 from unbend.errors import (
     JobCancelledError,
     MeshGeometryError,
@@ -399,3 +400,18 @@ def test_a_file_whose_name_is_not_utf8_is_sent_under_its_escapes(client, mesh, k
     path.write_bytes(mesh(40))
     shape = client.submit(path, parameters={"samples": {"sync": 8, "async": 9}[kind]}).result(PATIENCE)
     assert shape["name"] == rf"m\xe9{kind}"
+
+
+@pytest.mark.parametrize("kind", sorted(errors.subclasses(errors.JobError), key=lambda kind: kind.code))
+def test_a_failed_job_raises_its_own_error(kind):
+    failed = {"state": "failed", "error": {"code": kind.code, "message": "why"}}
+    with pytest.raises(kind, match="why") as raised:
+        protocol.outcome(failed)
+    assert type(raised.value) is kind
+
+
+@pytest.mark.parametrize("code", ["mesh_too_large", "unsuited", "store_full"])
+def test_the_client_knows_the_errors_of_meshes_parameters_and_stores(code):
+    with pytest.raises(errors.UnbendError) as raised:
+        protocol.outcome({"state": "failed", "error": {"code": code, "message": "why"}})
+    assert raised.value.code == code

@@ -1,4 +1,4 @@
-"""Moments and pose: plain formulas, and continuity where two principal axes are alike."""
+"""Moments and pose: plain formulas, and continuity where two second moments are equal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def cloud(seed: int, axes: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lopsided(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a shape with two or three equal second moments, and third ones that no symmetry makes zero."""
+    """Points of a shape with two or three equal second moments, and third moments that are not zero by symmetry."""
     points, rng = SHAPES[name].vertices, np.random.default_rng(5)
     weights = 1 + 0.5 * rng.random(len(points))
     share = weights / weights.sum()
@@ -57,7 +57,7 @@ def test_turned_mirrored_moved_and_reordered_sets_have_the_same_moments(rotation
 @pytest.mark.parametrize("name", SHAPES)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_equal_axes_make_no_jump(rotation, name, seed):
-    """The moments along any one choice of axes do jump here."""
+    """The moments along fixed axes do jump here."""
     points, weights = lopsided(name)
     before = moments(points, weights)
     assert np.linalg.norm(before[3:]) > 1e-3 * np.linalg.norm(before[:3])
@@ -68,7 +68,7 @@ def test_equal_axes_make_no_jump(rotation, name, seed):
 
 
 def test_relative_signs_tell_sets_apart_that_absolute_values_do_not():
-    """T_000 and T_011 of one sign, or of two: a set of atoms with the same second moments either way."""
+    """A set of points with T_000 and T_011 of equal or opposite signs, and the same second moments either way."""
 
     def drop(sign: float) -> np.ndarray:
         x = np.array([2.0, -1.0, -1.0, 0.4 * sign, 0.4 * sign, -0.4 * sign, -0.4 * sign, 0, 0]) * 3

@@ -59,7 +59,7 @@ def test_a_vertex_without_a_triangle_stands_for_itself_and_one_without_area_for_
 
 
 def test_on_a_line_every_vertex_stands_for_itself():
-    """Three points on a line make a triangle of rounding, which must not say where their weight lies."""
+    """The area of three points on a line is rounding, which must not affect their weights."""
     rng = np.random.default_rng(1)
     points, weights = rng.normal(size=(30, 1)) * 1e3, rng.uniform(0.1, 1.0, 30)
     faces = np.array([rng.choice(30, 3, replace=False) for _ in range(40)], np.int32)

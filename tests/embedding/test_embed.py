@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist, squareform
 from unbend import effective_dimension, embed, geodesic_matrix, representation_errors
 from unbend.embedding.least_squares import smacof
 from unbend.embedding.stress import stress
-from unbend.embedding.weighting import weights_of
+from unbend.embedding.weighting import weights_for
 from unbend.errors import ParameterError
 from unbend.mesh.shapes import cylinder, ellipsoid, s_bend, sheet, sphere, spiral, torus
 
@@ -311,7 +311,7 @@ def test_the_seed_chooses_random_starts():
 
 @pytest.mark.parametrize(("rule", "power"), [("inverse", 1), ("inverse_squared", 2)])
 def test_inverse_weights_are_powers_of_the_distance_and_favour_what_is_near(torus_distances, rule, power):
-    weights = weights_of(rule, torus_distances, np.ones(len(torus_distances)))
+    weights = weights_for(rule, torus_distances, np.ones(len(torus_distances)))
     ratio = weights * torus_distances**power
     np.testing.assert_allclose(ratio[torus_distances > 0], ratio.max())
     near = (torus_distances > 0) & (torus_distances < 0.3 * torus_distances.max())
@@ -327,16 +327,16 @@ def test_points_at_one_place_have_finite_weights():
     distances = city_block(12)
     distances[1], distances[:, 1] = distances[0], distances[:, 0]
     distances[[0, 1], [1, 0]] = distances[1, 1] = 0
-    found = embed(distances, weights=weights_of("inverse_squared", distances, np.ones(len(distances))))
+    found = embed(distances, weights=weights_for("inverse_squared", distances, np.ones(len(distances))))
     assert np.isfinite(found.points).all()
 
 
 def test_areas_weight_points_and_equal_weights_are_none():
     areas = np.array([1.0, 2.0, 0.0])
     distances = np.array([[0.0, 1, 2], [1, 0, 1], [2, 1, 0]])
-    assert weights_of("equal", distances, areas) is None
-    assert weights_of("inverse", np.zeros((3, 3)), areas) is None
-    weights = weights_of("area", distances, areas)
+    assert weights_for("equal", distances, areas) is None
+    assert weights_for("inverse", np.zeros((3, 3)), areas) is None
+    weights = weights_for("area", distances, areas)
     np.testing.assert_array_equal(weights[:2], areas[:2])
     assert 0 < weights[2] < 1e-5
 

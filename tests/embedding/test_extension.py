@@ -1,4 +1,4 @@
-"""Placing what was not embedded, where the answer is known."""
+"""Out-of-sample extension, where the result is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where least squares begins: near the lowest minimum, whatever the order of the points."""
+"""Starts of least squares: near the lowest minimum, for any order of the points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unbend.mesh.shapes import helicoid_catenoid
 
 
 def spider(legs: int, seed: int, count: int = 100) -> np.ndarray:
-    """Distances between points on thin legs that meet in a middle: each may lie on either side of the others."""
+    """Distances between points on thin legs that meet at one point: each may lie on either side of the others."""
     rng = np.random.default_rng(seed)
     leg, along = np.arange(count) % legs, rng.uniform(0.05, 1.0, count)
     distances = np.where(leg[:, None] == leg, np.abs(along[:, None] - along), along[:, None] + along)
@@ -34,7 +34,7 @@ def test_starts_are_near_minima_the_lowest_first(legs, seed):
     found = [stress(points, distances) for points in low_starts(distances, classical)]
     assert 1 <= len(found) <= KEPT
     assert found == sorted(found)
-    # A few points placed the others, so none is at a minimum of all yet.
+    # A few points placed the others, so no start is at a minimum of all points yet.
     assert embed(distances).stress <= found[0] < 2 * embed(distances).stress
 
 
@@ -47,7 +47,7 @@ def test_the_order_of_the_points_changes_no_stress(legs, count, seed):
 
 
 def test_few_points_are_as_good_as_all():
-    """With no more points than are tried, the start is a minimum already, in the order of the points given."""
+    """With no more points than `FEW`, the start is already a minimum, in the order of the given points."""
     distances = squareform(pdist(np.random.default_rng(3).normal(size=(50, 5)), "cityblock"))
     classical, _ = classical_scaling(distances, 3)
     lowest = stress(low_starts(distances, classical)[0], distances)

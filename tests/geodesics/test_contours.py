@@ -1,4 +1,4 @@
-"""Contours against known curves, and what holds of every contour."""
+"""Contours against known curves, and properties of every contour."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oracles import grid
-from polylines import distance_from_surface, length
+from tests.support.oracles import grid
+from tests.support.polylines import distance_from_surface, length
 from unbend import Surface, geodesic_distances, read_mesh
 from unbend.errors import ParameterError
 from unbend.geodesics.contours import iso_contours

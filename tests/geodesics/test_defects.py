@@ -1,4 +1,4 @@
-"""Defective meshes end in a right distance or a typed error: generated ones, the crash table, messy real meshes."""
+"""Defective meshes give correct distances or a typed error: generated ones, the crash table, messy real meshes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from defects import BASES, COARSE, DEFECTS, UPDATES, Mesh, check_rows, defective, examine, spoil
-from oracles import edge_path_distances, exact_distances, grid, soup_distances, steiner_distances
+from tests.support.defects import BASES, COARSE, DEFECTS, UPDATES, Mesh, check_rows, defective, examine, spoil
+from tests.support.oracles import edge_path_distances, exact_distances, grid, soup_distances, steiner_distances
 from unbend import Surface, geodesic_distances, read_mesh
 from unbend.errors import MeshGeometryError
 from unbend.mesh.shapes import sphere, torus

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from oracles import exact_distances, grid, mean_relative_error
+from tests.support.oracles import exact_distances, grid, mean_relative_error
 from unbend import Surface, geodesic_distances, geodesic_matrix, read_mesh
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import sampled_matrix
@@ -19,7 +19,7 @@ SPHERICAL = 0.005
 PLANAR = {"shrec11_simplified": 0.0262, "faust5k": 0.0155, "tosca5k": 0.0096, "single": 0.0155, "torus": 0.0064}
 
 SINGLE_PRECISION = 1e-6
-"""What rounding may add up to: a distance is marched in single precision, which keeps 6e-8."""
+"""Bound of accumulated rounding: distances are computed in single precision, which has 6e-8."""
 
 
 @pytest.mark.parametrize("shear", [0.0, 0.5, 1.5])
@@ -122,8 +122,8 @@ def test_on_crumpled_sheets_no_edge_is_outrun_and_distances_are_near_exact_ones(
     lengths = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
     assert (np.abs(distances[a] - distances[b]) <= lengths + SINGLE_PRECISION * distances.max()).all()
     assert distances[source] == 0
-    # A virtual source stands for a front that is round, which it is not behind a ridge: single distances err by
-    # a tenth or more on sheets as crumpled as these, the mean by a fraction of a percent.
+    # A virtual source assumes a round front, and fronts are not round behind a ridge. On sheets as crumpled as these
+    # single distances have errors of a tenth or more, but the mean error is a fraction of a percent.
     exact = exact_distances(surface, np.array([source]))
     assert mean_relative_error(distances[None], exact) < 0.06
     assert (np.delete(distances, source) > 0.8 * np.delete(exact[0], source)).all()

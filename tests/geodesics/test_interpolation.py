@@ -1,4 +1,4 @@
-"""Interpolation along the surface: exact at samples, and blind to what is near only through space."""
+"""Interpolation along the surface: exact at samples, and not affected by samples that are near only in space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The intrinsic triangulation: the same surface in rounder triangles, and right distances on stretched ones."""
+"""The intrinsic triangulation: the same surface in rounder triangles, and accurate distances on stretched ones."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from defects import defective
-from oracles import exact_distances, grid, mean_relative_error
-from stretched_meshes import cad_models, height_map
+from tests.support.defects import defective
+from tests.support.oracles import exact_distances, grid, mean_relative_error
+from tests.support.stretched_meshes import cad_models, height_map
 from unbend import Surface, geodesic_distances, geodesic_matrix, read_mesh
 from unbend.errors import MeshError
 from unbend.geodesics.halfedges import HalfEdges, half_edges_of
@@ -96,7 +96,7 @@ def test_any_repaired_mesh_has_one_with_lengths_that_are_triangles(mesh):
     faces, twins, lengths = stencils.triangles[:3]
     sides = np.sort(lengths.reshape(-1, 3), axis=1)
     assert np.isfinite(sides).all()
-    # A flip takes the root of a difference of squares, so a short edge between long ones has their rounding.
+    # A flip takes the root of a difference of squares, so a short edge between long ones has their rounding error.
     rounding = 64 * np.finfo(float).eps * lengths.max() ** 2 / sides[:, 2]
     assert (sides[:, 0] + sides[:, 1] >= sides[:, 2] * (1 - 1e-6) - rounding).all()
     assert (lengths[twins[twins >= 0]] == lengths[twins >= 0]).all()

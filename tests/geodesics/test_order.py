@@ -1,4 +1,4 @@
-"""How a file writes a surface must not show in its distances: order of faces, first corners, orientation, labels."""
+"""Distances do not depend on how a file writes a surface: order of faces, first corners, orientation, labels."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from oracles import grid
+from tests.support.oracles import grid
 from unbend import Surface, farthest_point_sampling, geodesic_distances, read_mesh
 from unbend.mesh.shapes import sphere, torus
 
 SINGLE_PRECISION = 1e-6
-"""What rounding may add up to: a distance is marched in single precision, which keeps 6e-8."""
+"""Bound of accumulated rounding: distances are computed in single precision, which has 6e-8."""
 
 
 def crumpled(rng: np.random.Generator) -> Surface:
@@ -27,7 +27,7 @@ def stretched(rng: np.random.Generator) -> Surface:
 
 
 def book(rng: np.random.Generator) -> Surface:
-    """Three crumpled sheets with one edge in common, so that its edges have three faces each."""
+    """Three crumpled sheets with a common side, whose edges have three faces each."""
     pages, flat = [], grid(4, 6)
     back = np.flatnonzero(flat.vertices[:, 0] == 0)
     inner = np.flatnonzero(flat.vertices[:, 0] > 0)
@@ -44,7 +44,7 @@ def book(rng: np.random.Generator) -> Surface:
 
 
 def moebius_band(rng: np.random.Generator) -> Surface:
-    """A band with one side, which no choice of orientations makes agree everywhere."""
+    """A band with one side, whose faces cannot all have the same orientation."""
     columns, rows = 24, 3
     around, across = np.meshgrid(np.arange(columns), np.arange(rows + 1), indexing="ij")
     t, w = 2 * np.pi * around / columns, across / rows - 0.5
@@ -114,7 +114,7 @@ def test_how_faces_are_written_changes_no_distance(update, shape, rewrite, seed)
 
 @given(st.sampled_from(sorted(set(SHAPES) - {"regular"})), st.integers(0, 2**32 - 1))
 def test_labels_and_order_together_change_no_distance(shape, seed):
-    """Among ties labels do choose; a surface that was measured has none."""
+    """Labels break ties; measured surfaces have no ties."""
     rng = np.random.default_rng(seed)
     surface = SHAPES[shape](rng)
     order = rng.permutation(len(surface.vertices))

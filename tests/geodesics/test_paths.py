@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from oracles import exact_distances, grid, mean_relative_error
-from polylines import distance_from_surface, length
+from tests.support.oracles import exact_distances, grid, mean_relative_error
+from tests.support.polylines import distance_from_surface, length, path_lengths
 from unbend import Surface, geodesic_distances, read_mesh
 from unbend.errors import MeshGeometryError, ParameterError
-from unbend.geodesics.paths.search import refine
-from unbend.geodesics.paths.shortest import geodesic_path, path_lengths
-from unbend.geodesics.paths.strips import path_arrays, strip_mesh, work_arrays
+from unbend.geodesics.paths.shortest import geodesic_path
+from unbend.geodesics.paths.strips import strip_mesh
 from unbend.mesh.shapes import cone, cylinder, sphere, torus
 
 seeds = st.integers(0, 2**32 - 1)
@@ -45,7 +44,7 @@ def edge_distance(surface: Surface, source: int, target: int) -> float:
 
 
 def check_path(surface: Surface, source: int, target: int) -> np.ndarray:
-    """Check what holds of every path, and return it."""
+    """Check the properties of every path, and return it."""
     path = geodesic_path(surface, source, target)
     extent = np.ptp(surface.vertices[surface.used_vertices], axis=0).max()
     np.testing.assert_array_equal(path[0], surface.vertices[source])
@@ -181,19 +180,6 @@ def test_path_lengths_are_much_nearer_to_the_exact_distances_than_the_field_and_
         exact = np.minimum(exact, exact.T)
         assert (lengths >= exact * (1 - 1e-9)).all()
         assert mean_relative_error(lengths, exact) < min(5e-4, 0.2 * mean_relative_error(fields, exact))
-
-
-def test_refined_lengths_help_later_walks():
-    surface = torus(columns=20, rows=10)
-    mesh, field, targets, lengths = (
-        strip_mesh(surface),
-        geodesic_distances(surface, 0)[0],
-        np.arange(200),
-        np.empty(200),
-    )
-    refine(mesh, field, np.int64(0), targets, lengths, path_arrays(mesh), path_arrays(mesh), work_arrays(mesh))
-    np.testing.assert_array_equal(field, lengths)
-    assert lengths[0] == 0
 
 
 @pytest.mark.parametrize("name", ["teapot", "suzanne", "beetle", "cow", "human_neutral", "truck"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oracles import grid
+from tests.support.oracles import grid
 from unbend import Surface, farthest_point_sampling, geodesic_distances, read_mesh
 from unbend.errors import ParameterError
 from unbend.geodesics.sampling import sample_farthest
@@ -17,7 +17,7 @@ FARTHEST = 1 - SAMPLING_TIE - 1e-6
 
 
 def shares_of_the_farthest(surface: Surface, samples: np.ndarray) -> np.ndarray:
-    """Say how far each sample but the first is from those before it, as a share of the farthest vertex's distance."""
+    """Distance of each sample from those before it, without the first, as a share of the farthest vertex's distance."""
     nearest = np.minimum.accumulate(geodesic_distances(surface, samples)[:, surface.used_vertices])
     place = np.searchsorted(surface.used_vertices, samples)
     farthest = np.where(np.isfinite(nearest), nearest, 0).max(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oracles import grid
+from tests.support.oracles import grid
 from unbend import Surface, geodesic_distances, geodesic_voronoi
 from unbend.errors import ParameterError
 from unbend.mesh.shapes import sphere, torus
@@ -18,7 +18,7 @@ def test_each_vertex_goes_to_the_nearest_source(update):
     diagram = geodesic_voronoi(surface, sources, update=update)
     rows = geodesic_distances(surface, sources, update=update)
     nearest = rows.min(axis=0)
-    # Where fronts meet, one has stopped before it could help the other: there a distance may be a little too long.
+    # Where fronts meet, one stopped before it could help the other, so distances there may be slightly too long.
     np.testing.assert_allclose(diagram.distances, nearest, rtol=0.02, atol=1e-9)
     assert (rows[diagram.nearest, np.arange(1000)] <= nearest * 1.02 + 1e-9).all()
     np.testing.assert_array_equal(diagram.nearest[sources], np.arange(len(sources)))

@@ -9,18 +9,18 @@ from contextlib import closing
 import pytest
 from sqlalchemy import Connection
 
-from server import small_mesh
-from unbend import Library, MeshPolicy, Parameters
+from tests.support.server import small_mesh
+from unbend import Library, Parameters
 from unbend.errors import StoreFullError
-from unbend.jobs import JobLimits, JobRunner, Upload
+from unbend.jobs import JobLimits, JobRunner
 from unbend.jobs.observer import NoObserver
-from unbend.library import queue
-from unbend.library.key import UploadKey
+from unbend.library import job_rows
 from unbend.library.records import JobRecord
-from unbend.library.shapes import put_mesh
+from unbend.library.requests import ShapeRequest, Upload
+from unbend.library.shape_rows import put_mesh
 
 FEW = Parameters(samples=40)
-REQUEST = {"name": "a mesh", "label": None, "metadata": {}}
+REQUEST = ShapeRequest("a mesh")
 PATIENCE = 120.0
 
 
@@ -59,14 +59,12 @@ def test_each_job_is_told_once_in_order_also_where_its_transaction_was_undone(tm
         async with asyncio.timeout(PATIENCE):
             with closing(sqlite3.connect(tmp_path / "library.db", isolation_level=None)) as other:
                 other.execute("BEGIN IMMEDIATE")  # so that all of these wait, and share a transaction
-                first = asyncio.create_task(runner.write(lambda _: None))
+                first = asyncio.wrap_future(library.store.submit(lambda _: None))
                 sent = [
-                    asyncio.create_task(
-                        runner.submit("shape", Upload(small_mesh(number), "ply", FEW, MeshPolicy()), REQUEST)
-                    )
+                    asyncio.create_task(runner.submit_shape(Upload(small_mesh(number), "ply", FEW), REQUEST))
                     for number in range(3)
                 ]
-                full = asyncio.create_task(runner.write(fill))
+                full = asyncio.wrap_future(library.store.submit(fill))
                 await asyncio.sleep(0)
                 other.execute("ROLLBACK")
             await first
@@ -98,13 +96,13 @@ def test_a_job_whose_claim_is_under_way_when_the_server_stops_is_put_back_at_no_
                 other.execute("ROLLBACK")
             await stopping
         with library.store.read() as connection:
-            return queue.get_job(connection, job_id)
+            return job_rows.get_job(connection, job_id)
 
     with Library(str(tmp_path / "library.db")) as library:
         data = small_mesh(0)
-        key = UploadKey.of(data, FEW, MeshPolicy())
+        key = Upload(data, "off", FEW).key
         with library.store.write() as connection:
             put_mesh(connection, key.sha256, data)
-            job = queue.enqueue(connection, kind="shape", key=key, file_type="ply", request=REQUEST)
+            job = job_rows.enqueue(connection, key=key, file_type="ply", request=REQUEST)
         left = asyncio.run(story(library, job.id))
     assert (left.state, left.attempts, left.restarts) == ("queued", 0, 0)

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from server import children, is_running
+from tests.support.server import children, is_running
 from unbend.errors import ParameterError, WorkerLostError
 from unbend.jobs.limits import limit_process
-from unbend.jobs.process import WorkerProcess, tell
+from unbend.jobs.process import WorkerProcess, send_message
 
 PATIENCE = 60.0
 LARGE = 20_000_000
@@ -46,7 +46,7 @@ def return_what_does_not_travel() -> threading.Lock:
 
 def count_aloud(most: int) -> int:
     for number in range(most):
-        tell(number)
+        send_message(number)
     return os.getpid()
 
 
@@ -121,7 +121,7 @@ def test_it_may_be_killed_in_the_middle_of_a_result(worker):
 
 
 def tell_and_return(size: int) -> np.ndarray:
-    tell(size)
+    send_message(size)
     return np.zeros(size // 8)
 
 

@@ -14,13 +14,14 @@ from typing import Any
 
 import pytest
 
-from server import DAMAGED, children, endless_mesh, is_running, medium_mesh, ply, small_mesh, two_rings
+from tests.support.server import DAMAGED, children, endless_mesh, is_running, medium_mesh, ply, small_mesh, two_rings
 from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
-from unbend.jobs import JobLimits, JobRunner, Upload
+from unbend.jobs import JobLimits, JobRunner
 from unbend.jobs.worker import StoredMesh, convert, geodesics_from
-from unbend.library.queue import JobFilter
+from unbend.library.job_rows import JobFilter
 from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 from unbend.mesh.shapes import sphere, torus
 
 FEW = Parameters(samples=40)
@@ -36,8 +37,8 @@ LIMITS = JobLimits(drain_seconds=0.0)
 async def submit(
     runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object
 ) -> JobRecord | ShapeRecord:
-    request = {"name": "a mesh", "label": None, "metadata": {}} | details
-    return await runner.submit("shape", Upload(data, "ply", parameters, READ), request)
+    request = ShapeRequest(**{"name": "a mesh"} | details)
+    return await runner.submit_shape(Upload(data, "ply", parameters, READ), request)
 
 
 async def queue(runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object) -> str:
@@ -74,7 +75,7 @@ async def until_true(reached: Callable[[], bool]) -> None:
 
 
 def rows(library: Library, table: str) -> int:
-    connection = sqlite3.connect(library.store.url.removeprefix("sqlite:///"))
+    connection = sqlite3.connect(library.url.removeprefix("sqlite:///"))
     try:
         return connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0]  # noqa: S608
     finally:
@@ -214,15 +215,15 @@ def test_a_mesh_is_read_as_its_job_says_and_read_otherwise_it_is_another_job(sha
 
     async def story() -> list[JobRecord]:
         uploads = [Upload(ply(two_rings(0)), "ply", FEW, policy) for policy in policies]
-        request = {"name": "rings", "label": None, "metadata": {}}
-        jobs = [await runner.submit("shape", upload, request) for upload in uploads]
+        request = ShapeRequest("rings")
+        jobs = [await runner.submit_shape(upload, request) for upload in uploads]
         return [await end(runner, job.id) for job in jobs]
 
     largest, bridged, refused = loop(story())
     assert (refused.state, refused.error["code"]) == ("failed", "mesh_geometry")
     assert "2 components" in refused.error["message"]
     shapes = [library.get(job.shape_id) for job in (largest, bridged)]
-    assert [shape.policy for shape in shapes] == [policy.as_dict() for policy in policies[:2]]
+    assert [shape.policy for shape in shapes] == policies[:2]
     surfaces = [read_mesh(ply(two_rings(0)), policy=policy) for policy in policies[:2]]
     assert [shape.area for shape in shapes] == [surface.area for surface in surfaces]
 
@@ -235,7 +236,7 @@ def test_a_query_gives_a_ranking_and_leaves_no_mesh(shared, loop):
     before = (rows(library, "meshes"), len(library))
 
     async def story() -> JobRecord:
-        job = await runner.submit("query", Upload(data, "ply", FEW, READ), {"measure": "moments", "k": 1})
+        job = await runner.submit_query(Upload(data, "ply", FEW, READ), QueryRequest("moments", k=1))
         return await end(runner, job.id)
 
     job = loop(story())
@@ -250,7 +251,7 @@ def test_a_query_with_a_stored_mesh_finds_it_and_leaves_it(shared, loop):
     shape = library.add(small_mesh(4), parameters=FEW)
 
     async def story() -> JobRecord:
-        job = await runner.submit("query", Upload(small_mesh(4), "ply", FEW, READ), {"measure": "spectrum", "k": 1})
+        job = await runner.submit_query(Upload(small_mesh(4), "ply", FEW, READ), QueryRequest("spectrum", k=1))
         return await end(runner, job.id)
 
     assert loop(story()).result["shapes"][0] == {"id": shape.id, "name": shape.name, "label": None, "distance": 0.0}
@@ -387,7 +388,7 @@ def test_a_job_that_kills_every_worker_fails_in_the_end(shared, loop):
 def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loop):
     runner, library = shared
     shape = library.add(small_mesh(5), parameters=FEW)
-    mesh = StoredMesh(library.store.url, shape.sha256, "ply", READ)
+    mesh = StoredMesh(library.url, shape.sha256, "ply", READ)
     geodesics = loop(runner.call(geodesics_from, mesh, "spherical", 0))
     assert geodesics.distances[0] == 0.0
     assert len(geodesics.distances) == 60
@@ -395,7 +396,7 @@ def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loo
     with pytest.raises(ParameterError):
         loop(runner.call(geodesics_from, mesh, "spherical", 60))
     with pytest.raises(NotFoundError):
-        loop(runner.call(convert, StoredMesh(mesh.store_url, "0" * 64, "ply", READ), "off"))
+        loop(runner.call(convert, StoredMesh(mesh.library_url, "0" * 64, "ply", READ), "off"))
 
 
 def test_a_job_that_is_not_there_is_not_found(shared, loop):
@@ -454,7 +455,7 @@ def test_a_job_over_its_time_is_stopped_and_the_next_one_runs(library):
         with pytest.raises(JobTimeoutError, match=r"4\.5 seconds"):
             await runner.call(time.sleep, PATIENCE)
         shape = library.page().items[0]
-        mesh = StoredMesh(library.store.url, shape.sha256, "ply", READ)
+        mesh = StoredMesh(library.url, shape.sha256, "ply", READ)
         assert (await patient_call(runner, convert, mesh, "off")).startswith(b"OFF")
 
     run_with(library, JobLimits(seconds=4.5, call_seconds=4.5, drain_seconds=0.0), story)

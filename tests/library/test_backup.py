@@ -12,17 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from server import Server, ended, post_mesh, small_mesh, stored, without_settings
-from store import PARAMETERS, add, insert, signature
-from unbend import Library, MeshPolicy, Parameters
+from tests.support.server import Server, ended, post_mesh, small_mesh, stored, without_settings
+from tests.support.store import PARAMETERS, add, insert, signature
+from unbend import Library, Parameters
 from unbend.errors import BackupError, ParameterError, StoreError, StoreVersionError
-from unbend.library import backup as module
-from unbend.library import queue
-from unbend.library import shapes as rows
-from unbend.library.backup import backup, check_backup, restore
-from unbend.library.engine import revisions
-from unbend.library.key import UploadKey
-from unbend.library.keys import create_key, find_key, list_keys, revoke_key
+from unbend.library import job_rows, shape_rows
+from unbend.library.backups import backup as module
+from unbend.library.backups.backup import backup, check_backup, restore
+from unbend.library.requests import ShapeRequest, Upload
+from unbend.library.storage.database import revisions
 
 RELEASED = Path(__file__).parent / "released"
 
@@ -51,16 +49,14 @@ def released(path: Path, revision: str) -> Path:
 
 
 def enqueue(library: Library, data: bytes, name: str) -> str:
-    key = UploadKey.of(data, PARAMETERS, MeshPolicy())
+    key = Upload(data, "off", PARAMETERS).key
     with library.store.write() as connection:
-        rows.put_mesh(connection, key.sha256, data)
-        request = {"name": name, "label": None, "metadata": {}}
-        return queue.enqueue(connection, kind="shape", key=key, file_type="ply", request=request).id
+        shape_rows.put_mesh(connection, key.sha256, data)
+        return job_rows.enqueue(connection, key=key, file_type="ply", request=ShapeRequest(name)).id
 
 
 def make_key(library: Library, name: str) -> tuple[str, str]:
-    with library.store.write() as connection:
-        record, text = create_key(connection, name, "write")
+    record, text = library.keys.create(name, "write")
     return record.id, text
 
 
@@ -89,7 +85,7 @@ WRITER = """
 import itertools, sys
 from sqlalchemy import update
 from unbend import Library
-from unbend.library.schema import shapes
+from unbend.library.storage.schema import shapes
 with Library(sys.argv[1]) as library:
     for number in itertools.count():
         with library.store.write() as connection:
@@ -209,12 +205,12 @@ def test_what_is_no_backup_is_refused(library, tmp_path):
         connection.execute("CREATE TABLE shapes (id)")
     for name in ("letter.txt", "nothing", "others.db"):
         with pytest.raises(BackupError, match="no library"):
-            restore(tmp_path / name, library.store.url, overwrite=True)
+            restore(tmp_path / name, library.url, overwrite=True)
     for name in ("nowhere", "."):
         with pytest.raises(ParameterError, match="no file"):
-            restore(tmp_path / name, library.store.url, overwrite=True)
+            restore(tmp_path / name, library.url, overwrite=True)
     with pytest.raises(ParameterError, match="the library itself"):
-        restore(library.store.url, library.store.url, overwrite=True)
+        restore(library.url, library.url, overwrite=True)
     assert [shape.name for shape in library.page().items] == ["kept"]
 
 
@@ -225,7 +221,7 @@ def test_a_backup_of_a_later_version_is_refused_and_the_library_stays(library, t
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     before = later.read_bytes()
     with pytest.raises(StoreVersionError, match="later version"):
-        restore(later, library.store.url, overwrite=True)
+        restore(later, library.url, overwrite=True)
     assert later.read_bytes() == before
     assert [shape.name for shape in library.page().items] == ["kept"]
 
@@ -249,9 +245,9 @@ def test_a_restored_library_is_the_one_that_was_backed_up(library, path, tmp_pat
 
 
 def test_an_older_backup_is_brought_up_to_date(tmp_path, library):
-    restore(released(tmp_path / "old.db", "0001"), library.store.url, overwrite=True)
+    restore(released(tmp_path / "old.db", "0001"), library.url, overwrite=True)
     assert sorted(shape.name for shape in library.page().items) == ["flät/=1", "uploaded"]
-    assert check_backup(Path(library.store.url)).revision == max(revisions())
+    assert check_backup(Path(library.url)).revision == max(revisions())
 
 
 def moments_of(library: Library) -> list[tuple[str, float]]:
@@ -293,10 +289,12 @@ def test_readers_see_the_old_library_to_their_end(library, path, tmp_path):
     copy = library.backup(tmp_path / "copy.db").path
     add(library, b"two", "two")
     with library.store.read() as connection:
-        assert rows.count_shapes(connection) == 2
+        assert shape_rows.count_shapes(connection) == 2
         restore(copy, str(path), overwrite=True)
-        assert rows.count_shapes(connection) == 2
-        assert rows.get_mesh(connection, rows.list_shapes(connection, label=None, cursor=None, limit=9).items[1].sha256)
+        assert shape_rows.count_shapes(connection) == 2
+        assert shape_rows.get_file(
+            connection, shape_rows.list_shapes(connection, label=None, cursor=None, limit=9).items[1].sha256
+        )
     assert len(library) == 1
 
 
@@ -315,7 +313,7 @@ def test_restoring_waits_for_who_is_writing(library, path, tmp_path):
 
 def test_who_writes_too_long_is_not_cut_off(library, path, tmp_path, monkeypatch):
     copy = library.backup(tmp_path / "copy.db").path
-    monkeypatch.setattr("unbend.library.engine._BUSY_SECONDS", 0.1)
+    monkeypatch.setattr("unbend.library.storage.database._BUSY_SECONDS", 0.1)
     with library.store.write() as connection:
         insert(connection, b"x", "kept")
         with pytest.raises(StoreError, match="locked"):
@@ -338,11 +336,11 @@ def test_pages_may_be_of_another_size(library, path, tmp_path):
 def test_jobs_that_ran_when_the_backup_was_made_are_queued(library, tmp_path):
     ids = [enqueue(library, b"%d" % number, str(number)) for number in range(2)]
     with library.store.write() as connection:
-        assert queue.claim(connection).id == ids[0]
+        assert job_rows.claim(connection).id == ids[0]
     copy = library.backup(tmp_path / "copy.db").path
     restore(copy, str(tmp_path / "new.db"))
     with Library(str(tmp_path / "new.db")) as restored, restored.store.write() as connection:
-        jobs = [queue.claim(connection) for _ in range(3)]
+        jobs = [job_rows.claim(connection) for _ in range(3)]
     assert [job and (job.id, job.attempts, job.restarts) for job in jobs] == [(ids[0], 1, 0), (ids[1], 1, 0), None]
 
 
@@ -350,15 +348,13 @@ def test_keys_stay_those_of_the_library(library, path, tmp_path):
     old_id, old = make_key(library, "revoked since")
     _, kept = make_key(library, "kept")
     copy = library.backup(tmp_path / "copy.db").path
-    with library.store.write() as connection:
-        revoke_key(connection, old_id)
+    library.keys.revoke(old_id)
     _, new = make_key(library, "made since")
     restore(copy, str(path), overwrite=True)
-    with library.store.read() as connection:
-        assert find_key(connection, old) is None
-        assert find_key(connection, kept).name == "kept"
-        assert find_key(connection, new).name == "made since"
-        assert len(list_keys(connection)) == 3
+    assert library.keys.find(old) is None
+    assert library.keys.find(kept).name == "kept"
+    assert library.keys.find(new).name == "made since"
+    assert len(library.keys.all()) == 3
 
 
 def test_a_library_that_never_had_keys_takes_the_backups(library, tmp_path):
@@ -367,8 +363,8 @@ def test_a_library_that_never_had_keys_takes_the_backups(library, tmp_path):
     with Library(str(tmp_path / "fresh.db")):
         pass
     restore(copy, str(tmp_path / "fresh.db"), overwrite=True)
-    with Library(str(tmp_path / "fresh.db")) as fresh, fresh.store.read() as connection:
-        assert find_key(connection, text).name == "owner"
+    with Library(str(tmp_path / "fresh.db")) as fresh:
+        assert fresh.keys.find(text).name == "owner"
 
 
 def test_a_key_revoked_while_a_backup_is_made_ready_stays_revoked(library, path, tmp_path, monkeypatch):
@@ -379,21 +375,19 @@ def test_a_key_revoked_while_a_backup_is_made_ready_stays_revoked(library, path,
     def check_late(file: Path) -> module.Backup:
         looked.append(file)
         if len(looked) == 2:  # the staged copy: keys were read, and nothing was written yet
-            with library.store.write() as connection:
-                revoke_key(connection, key_id)
+            library.keys.revoke(key_id)
         return check_backup(file)
 
     monkeypatch.setattr(module, "check_backup", check_late)
     restore(copy, str(path), overwrite=True)
     assert len(looked) == 3
-    with library.store.read() as connection:
-        assert find_key(connection, text) is None
+    assert library.keys.find(text) is None
 
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from unbend.library import backup
+from unbend.library.backups import backup
 steps = 0
 def kill(*_):
     global steps
@@ -401,7 +395,7 @@ def kill(*_):
     if steps == int(sys.argv[1]):
         os.kill(os.getpid(), signal.SIGKILL)
 if sys.argv[2] == "restore":
-    backup._Watch.__call__ = kill
+    backup._KeyCheck.__call__ = kill
     backup.restore(sys.argv[3], sys.argv[4], overwrite=True)
 else:
     backup._sync = kill

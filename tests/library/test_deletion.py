@@ -9,13 +9,12 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from server import DAMAGED, ended, post_mesh, small_mesh
-from store import PARAMETERS, add, in_files, insert
-from unbend import Library, MeshPolicy
+from tests.support.server import DAMAGED, ended, post_mesh, small_mesh
+from tests.support.store import PARAMETERS, add, in_files, insert
+from unbend import Library
 from unbend.errors import NotFoundError
-from unbend.library import queue
-from unbend.library import shapes as rows
-from unbend.library.key import UploadKey
+from unbend.library import job_rows, shape_rows
+from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 
 SECRETS = (b"MARKER-OF-THE-MESH", b"name-of-it", b"label-of-it", b"metadata-of-it")
 LONG = SECRETS[0] * 2000
@@ -44,25 +43,25 @@ def add_secret(library: Library, data: bytes = LONG) -> str:
     return add(library, data, "name-of-it", "label-of-it", {"key": "metadata-of-it"}).id
 
 
-def ran(library: Library, kind: str, data: bytes, request: dict) -> str:
+def ran(library: Library, data: bytes, request: ShapeRequest | QueryRequest) -> str:
     """A job that is running; its id."""
-    key = UploadKey.of(data, PARAMETERS, MeshPolicy())
+    key = Upload(data, "off", PARAMETERS).key
     with library.store.write() as connection:
-        rows.put_mesh(connection, key.sha256, data)
-        job = queue.enqueue(connection, kind=kind, key=key, file_type="off", request=request)
-        assert queue.claim(connection).id == job.id
+        shape_rows.put_mesh(connection, key.sha256, data)
+        job = job_rows.enqueue(connection, key=key, file_type="off", request=request)
+        assert job_rows.claim(connection).id == job.id
     return job.id
 
 
-def end(library: Library, job_id: str, state: str, **values) -> queue.JobRecord:
+def end(library: Library, job_id: str, state: str, **values) -> job_rows.JobRecord:
     with library.store.write() as connection:
-        assert queue.finish(connection, job_id, state, **values)
+        assert job_rows.finish(connection, job_id, state, **values)
     return job_of(library, job_id)
 
 
-def job_of(library: Library, job_id: str) -> queue.JobRecord:
+def job_of(library: Library, job_id: str) -> job_rows.JobRecord:
     with library.store.read() as connection:
-        return queue.get_job(connection, job_id)
+        return job_rows.get_job(connection, job_id)
 
 
 @pytest.mark.parametrize("data", [LONG, SECRETS[0]], ids=["many pages", "a few bytes"])
@@ -101,11 +100,11 @@ def test_no_byte_of_many_removed_shapes_is_on_disk_whatever_was_written_around_t
 def test_nothing_is_left_when_a_reader_was_in_the_way(library, path):
     shape_id = add_secret(library)
     with library.store.read() as connection:
-        assert rows.count_shapes(connection) == 1
+        assert shape_rows.count_shapes(connection) == 1
         began = time.monotonic()
         library.remove(shape_id)
         assert time.monotonic() - began < 5.0  # it does not wait for the reader
-        assert rows.get_shape(connection, shape_id).name == "name-of-it"
+        assert shape_rows.get_shape(connection, shape_id).name == "name-of-it"
     end = time.monotonic() + 20.0
     while any(secret in in_files(path) for secret in SECRETS) and time.monotonic() < end:
         time.sleep(0.1)
@@ -114,7 +113,7 @@ def test_nothing_is_left_when_a_reader_was_in_the_way(library, path):
 
 def test_a_shape_that_shares_its_file_leaves_the_bytes_and_nothing_else(library, path):
     shape_id = add_secret(library)
-    failed = ran(library, "shape", LONG, {"name": "name-of-it", "label": "label-of-it", "metadata": {}})
+    failed = ran(library, LONG, ShapeRequest("name-of-it", "label-of-it"))
     library.remove(shape_id)
     assert on_disk(path, LONG[:40])  # the job needs it
     end(library, failed, "cancelled")
@@ -122,16 +121,14 @@ def test_a_shape_that_shares_its_file_leaves_the_bytes_and_nothing_else(library,
 
 
 def test_the_upload_that_became_a_shape_says_nothing_of_it_any_more(library, path):
-    job_id = ran(
-        library, "shape", LONG, {"name": "name-of-it", "label": "label-of-it", "metadata": {"k": "metadata-of-it"}}
-    )
+    job_id = ran(library, LONG, ShapeRequest("name-of-it", "label-of-it", {"k": "metadata-of-it"}))
     with library.store.write() as connection:
         shape = insert(connection, LONG, "name-of-it", "label-of-it", {"k": "metadata-of-it"})
-        queue.finish(connection, job_id, "succeeded", shape_id=shape.id)
+        job_rows.finish(connection, job_id, "succeeded", shape_id=shape.id)
     library.change(shape.id, {"name": "renamed"})  # the upload's own words are another's by now
     library.remove(shape.id)
     job = job_of(library, job_id)
-    assert (job.state, job.shape_id, job.request, job.mesh_sha256) == ("succeeded", shape.id, {}, None)
+    assert (job.state, job.shape_id, job.request, job.mesh_sha256) == ("succeeded", shape.id, None, None)
     assert_nothing_of_it(path, b"renamed", shape.sha256.encode())
 
 
@@ -148,9 +145,9 @@ def test_answers_that_named_a_shape_name_it_no_more(library, path):
     kept = add(library, b"kept", "kept", "a")
     secret = library.get(add_secret(library))
     other = add(library, b"more", "more", "label-of-it")
-    first = ran(library, "query", b"one", {"measure": "moments", "k": 9})
+    first = ran(library, b"one", QueryRequest("moments", k=9))
     end(library, first, "succeeded", result=ranking(secret, kept, other, classes=["label-of-it", "a"]))
-    unconcerned = ran(library, "query", b"two", {"measure": "moments", "k": 1})
+    unconcerned = ran(library, b"two", QueryRequest("moments", k=1))
     end(library, unconcerned, "succeeded", result=ranking(kept, classes=["a", "label-of-it"]))
     library.remove(secret.id)
     assert job_of(library, first).result == ranking(kept, other, classes=["label-of-it", "a"])
@@ -163,7 +160,7 @@ def test_answers_that_named_a_shape_name_it_no_more(library, path):
 
 def test_a_label_that_was_changed_is_nowhere_once_nothing_has_it(library, path):
     shape_id = add_secret(library)
-    job_id = ran(library, "query", b"q", {"measure": "moments", "k": 9})
+    job_id = ran(library, b"q", QueryRequest("moments", k=9))
     answer = ranking(library.get(shape_id), classes=["label-of-it"])
     end(library, job_id, "succeeded", result=answer)
     library.change(shape_id, {"label": "another", "name": "renamed", "metadata": {}})
@@ -178,7 +175,7 @@ def test_a_label_that_was_changed_is_nowhere_once_nothing_has_it(library, path):
 
 def test_a_label_comes_back_as_another_class(library):
     first = add(library, b"one", "one", "a")
-    job_id = ran(library, "query", b"q", {"measure": "moments", "k": 9})
+    job_id = ran(library, b"q", QueryRequest("moments", k=9))
     end(library, job_id, "succeeded", result=ranking(classes=["a"]))
     library.remove(first.id)
     add(library, b"two", "two", "a")
@@ -186,10 +183,10 @@ def test_a_label_comes_back_as_another_class(library):
 
 
 def test_what_an_upload_said_is_forgotten_when_it_ends(library, path):
-    said = {"name": "name-of-it", "label": "label-of-it", "metadata": {"k": "metadata-of-it"}}
+    said = ShapeRequest("name-of-it", "label-of-it", {"k": "metadata-of-it"})
     for state in ("failed", "cancelled"):
-        job_id = ran(library, "shape", LONG, said)
-        assert end(library, job_id, state).request == {}
+        job_id = ran(library, LONG, said)
+        assert end(library, job_id, state).request is None
     for secret in SECRETS:
         assert_soon_gone(path, secret)
 
@@ -197,7 +194,7 @@ def test_what_an_upload_said_is_forgotten_when_it_ends(library, path):
 def test_a_label_with_signs_of_all_kinds_goes_too(library, path):
     label = 'caf\u00e9 "100%_\\ \u2028'
     secret = add(library, b"x", "x", label)
-    job_id = ran(library, "query", b"q", {"measure": "moments", "k": 9})
+    job_id = ran(library, b"q", QueryRequest("moments", k=9))
     end(library, job_id, "succeeded", result=ranking(classes=[label]))
     library.remove(secret.id)
     assert job_of(library, job_id).result == ranking()
@@ -206,7 +203,7 @@ def test_a_label_with_signs_of_all_kinds_goes_too(library, path):
 def test_an_answer_that_was_under_way_while_a_shape_was_removed_does_not_name_it(library, path):
     secret = library.get(add_secret(library))
     kept = add(library, b"kept", "kept", "a")
-    job_id = ran(library, "query", b"query", {"measure": "moments", "k": 9})
+    job_id = ran(library, b"query", QueryRequest("moments", k=9))
     answer = ranking(secret, kept, classes=["label-of-it", "a"])
     library.remove(secret.id)
     assert end(library, job_id, "succeeded", result=answer).result == ranking(kept, classes=["a"])
@@ -214,9 +211,9 @@ def test_an_answer_that_was_under_way_while_a_shape_was_removed_does_not_name_it
 
 
 @pytest.mark.parametrize("state", ["succeeded", "failed", "cancelled"])
-@pytest.mark.parametrize("kind", ["query", "shape"])
-def test_no_byte_of_the_mesh_of_a_job_that_ended_without_a_shape_is_on_disk(library, path, state, kind):
-    job_id = ran(library, kind, LONG, {"measure": "moments"})
+@pytest.mark.parametrize("request_", [QueryRequest(), ShapeRequest("a")], ids=["query", "shape"])
+def test_no_byte_of_the_mesh_of_a_job_that_ended_without_a_shape_is_on_disk(library, path, state, request_):
+    job_id = ran(library, LONG, request_)
     assert on_disk(path, SECRETS[0])
     end(library, job_id, state)
     assert_soon_gone(path, SECRETS[0])

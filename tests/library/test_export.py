@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from server import ply, small_mesh
-from store import add, insert
+from tests.support.server import ply, small_mesh
+from tests.support.store import add, insert
 from unbend import Library, Parameters
 from unbend.cli.folder import read_labels
 from unbend.errors import MeshFormatError, ParameterError
-from unbend.library.export import safe_name
+from unbend.library.backups.export import safe_name
 from unbend.mesh.shapes import torus
 from unbend.mesh.write import write_mesh
 
@@ -73,8 +73,9 @@ def test_every_file_is_there_byte_for_byte_with_all_that_is_known_of_it(library,
         assert (out / row["path"]).read_bytes() == library.mesh(record.id)
         assert (row["class"], row["id"], row["name"]) == (record.label or "", record.id, record.name)
         assert (row["sha256"], int(row["size"])) == (record.sha256, record.size)
-        for column in ("metadata", "parameters", "policy"):
-            assert json.loads(row[column]) == getattr(record, column)
+        assert json.loads(row["metadata"]) == record.metadata
+        assert json.loads(row["parameters"]) == record.parameters.as_dict()
+        assert json.loads(row["policy"]) == record.policy.as_dict()
     assert [file.label for file in read_labels(out / "labels.csv", out)] == ["tori, round", '=cmd|"x"', None]
 
 
@@ -125,7 +126,7 @@ def test_an_empty_library_has_a_header_alone(library, tmp_path):
 
 def test_an_export_of_several_pages_is_of_one_state_while_others_write(library, path, tmp_path, monkeypatch):
     """Each change moves the same mark into two shapes' names, pages apart."""
-    monkeypatch.setattr("unbend.library.export.MAX_PAGE", 2)
+    monkeypatch.setattr("unbend.library.backups.export.MAX_PAGE", 2)
     with library.store.write() as connection:
         ids = [insert(connection, b"OFF %d" % number, "x").id for number in range(99)]
     stop, changed = threading.Event(), []

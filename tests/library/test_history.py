@@ -7,23 +7,21 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from store import PARAMETERS, add
-from unbend import MeshPolicy
+from tests.support.store import PARAMETERS, add
 from unbend.errors import NotFoundError, ParameterError
-from unbend.library import queue
-from unbend.library import shapes as rows
-from unbend.library.key import UploadKey
-from unbend.library.queue import JobFilter
+from unbend.library import job_rows, shape_rows
+from unbend.library.job_rows import JobFilter
+from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 
 
 def answered(connection, count: int, answer: dict, label: str = "") -> None:
     """So many queries that were answered alike."""
     for number in range(count):
-        key = UploadKey.of(b"%d" % number, PARAMETERS, MeshPolicy())
-        rows.put_mesh(connection, key.sha256, b"%d" % number)
-        job = queue.enqueue(connection, kind="query", key=key, file_type="off", request={"label": label})
-        queue.claim(connection)
-        queue.finish(connection, job.id, "succeeded", result=answer)
+        key = Upload(b"%d" % number, "off", PARAMETERS).key
+        shape_rows.put_mesh(connection, key.sha256, b"%d" % number)
+        job = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+        job_rows.claim(connection)
+        job_rows.finish(connection, job.id, "succeeded", result=answer)
 
 
 def ranking(*shapes) -> dict:
@@ -36,7 +34,7 @@ def ranking(*shapes) -> dict:
 
 def listed(library, which: JobFilter | None = None, cursor: str | None = None, limit: int = 100):
     with library.store.read() as connection:
-        return queue.list_jobs(connection, which or JobFilter(), cursor=cursor, limit=limit)
+        return job_rows.list_jobs(connection, which or JobFilter(), cursor=cursor, limit=limit)
 
 
 def test_pages_of_jobs_have_all_of_them_once_and_no_results(library):
@@ -61,12 +59,12 @@ def test_jobs_are_found_by_state_kind_and_shape(library):
     shape = add(library, b"one", "one", "a")
     with library.store.write() as connection:
         answered(connection, 2, ranking(shape))
-        key = UploadKey.of(b"mesh", PARAMETERS, MeshPolicy())
-        rows.put_mesh(connection, key.sha256, b"mesh")
-        upload = queue.enqueue(connection, kind="shape", key=key, file_type="off", request={})
-        waiting = queue.enqueue(connection, kind="query", key=key, file_type="off", request={})
-        queue.claim(connection)
-        queue.finish(connection, upload.id, "succeeded", shape_id=shape.id)
+        key = Upload(b"mesh", "off", PARAMETERS).key
+        shape_rows.put_mesh(connection, key.sha256, b"mesh")
+        upload = job_rows.enqueue(connection, key=key, file_type="off", request=ShapeRequest("a"))
+        waiting = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+        job_rows.claim(connection)
+        job_rows.finish(connection, upload.id, "succeeded", shape_id=shape.id)
     assert [job.id for job in listed(library, JobFilter(state="queued")).items] == [waiting.id]
     assert [job.id for job in listed(library, JobFilter(kind="shape")).items] == [upload.id]
     assert [job.id for job in listed(library, JobFilter(shape_id=shape.id)).items] == [upload.id]
@@ -77,28 +75,28 @@ def test_places_in_the_queue_are_counted_over_all_that_wait(library):
     with library.store.write() as connection:
         ids = []
         for number in range(9):
-            key = UploadKey.of(b"%d" % number, PARAMETERS, MeshPolicy())
-            rows.put_mesh(connection, key.sha256, b"%d" % number)
-            kind = "shape" if number % 3 else "query"
-            ids.append(queue.enqueue(connection, kind=kind, key=key, file_type="off", request={}).id)
-        page = queue.list_jobs(connection, JobFilter(kind="query"), cursor=None, limit=2)
-        assert queue.positions(connection, page.items) == {ids[6]: 6, ids[3]: 3}
+            key = Upload(b"%d" % number, "off", PARAMETERS).key
+            shape_rows.put_mesh(connection, key.sha256, b"%d" % number)
+            request = ShapeRequest("a") if number % 3 else QueryRequest()
+            ids.append(job_rows.enqueue(connection, key=key, file_type="off", request=request).id)
+        page = job_rows.list_jobs(connection, JobFilter(kind="query"), cursor=None, limit=2)
+        assert job_rows.positions(connection, page.items) == {ids[6]: 6, ids[3]: 3}
 
 
 def test_the_newest_are_kept_and_those_that_wait(library):
     with library.store.write() as connection:
         answered(connection, 12, ranking())
-        key = UploadKey.of(b"mesh", PARAMETERS, MeshPolicy())
-        rows.put_mesh(connection, key.sha256, b"mesh")
-        waiting = queue.enqueue(connection, kind="query", key=key, file_type="off", request={})
+        key = Upload(b"mesh", "off", PARAMETERS).key
+        shape_rows.put_mesh(connection, key.sha256, b"mesh")
+        waiting = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
     before = [job.id for job in listed(library).items]
     with library.store.write() as connection:
-        assert queue.forget_ended(connection, keep=5) == 7
-        assert queue.forget_ended(connection, keep=5) == 0
+        assert job_rows.delete_ended(connection, keep=5) == 7
+        assert job_rows.delete_ended(connection, keep=5) == 0
     assert [job.id for job in listed(library).items] == before[:6]
     assert before[0] == waiting.id
-    with library.store.read() as connection, pytest.raises(NotFoundError, match="forgotten"):
-        queue.get_job(connection, before[-1])
+    with library.store.read() as connection, pytest.raises(NotFoundError, match="deleted"):
+        job_rows.get_job(connection, before[-1])
 
 
 def test_those_that_ended_before_an_instant_are_forgotten(library):
@@ -108,8 +106,8 @@ def test_those_that_ended_before_an_instant_are_forgotten(library):
     with library.store.write() as connection:
         answered(connection, 2, ranking())
     with library.store.write() as connection:
-        assert queue.forget_ended(connection, before=between - timedelta(days=1)) == 0
-        assert queue.forget_ended(connection, before=between) == 3
+        assert job_rows.delete_ended(connection, before=between - timedelta(days=1)) == 0
+        assert job_rows.delete_ended(connection, before=between) == 3
     assert len(listed(library).items) == 2
 
 
@@ -128,5 +126,5 @@ def test_removing_a_shape_takes_no_longer_with_a_long_history(library):
     assert removing(shapes[5:10]) < 10 * without + 0.5  # it took 30 ms more for each query
     job = listed(library, limit=1).items[0]
     with library.store.read() as connection:
-        told = queue.get_job(connection, job.id).result
+        told = job_rows.get_job(connection, job.id).result
     assert [match["id"] for match in told["shapes"]] == [shape.id for shape in shapes[10:]]

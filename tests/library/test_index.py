@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import sqlite3
 import subprocess
@@ -16,11 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sqlalchemy import event
 
-from unbend import Library, MeshPolicy, Parameters, Signature
+from unbend import Library, Parameters, Signature
 from unbend.errors import NotFoundError, StoreError
-from unbend.library import shapes as rows
-from unbend.library.index import IndexKey, VectorIndex
-from unbend.library.payload import PackedSignature
+from unbend.library import shape_rows
+from unbend.library.packing import PackedSignature
+from unbend.library.requests import ShapeRequest, Upload
+from unbend.library.search.index import IndexKey, SearchIndex
+from unbend.library.shape_rows import ComputedShape
 from unbend.matching.gallery import UNLABELLED
 from unbend.matching.measures import VectorMeasure, get_vector_measure
 from unbend.signature.signature import ALGORITHM_VERSION
@@ -47,18 +48,15 @@ def add(library: Library, vector, label=None, parameters=ONE, **others) -> str:
 
 def insert(connection, vector, label=None, parameters=ONE, **others) -> str:
     data = str(next(numbered)).encode()
-    new = rows.NewShape(
-        sha256=hashlib.sha256(data).hexdigest(), policy=MeshPolicy(),
-        signature=PackedSignature.of(signature(vector, parameters, **others)),
-        area=1.0, report={}, name=str(list(vector)), label=label, metadata={},
-    )  # fmt: skip
-    rows.put_mesh(connection, new.sha256, data)
-    return rows.add_shape(connection, new)
+    key = Upload(data, "off", parameters).key
+    shape_rows.put_mesh(connection, key.sha256, data)
+    computed = ComputedShape(key, PackedSignature.of(signature(vector, parameters, **others)), area=1.0, report={})
+    return shape_rows.add_shape(connection, computed, ShapeRequest(str(list(vector)), label)).id
 
 
-def held(library: Library, index: VectorIndex, key: IndexKey = KEY):
+def held(library: Library, index: SearchIndex, key: IndexKey = KEY):
     with library.store.read() as connection:
-        return index.get(connection, key)
+        return index.snapshot(connection, key)
 
 
 def expected(path, query, parameters=ONE, *, but=""):
@@ -84,7 +82,7 @@ def check(library: Library, path, query=(0.0, 0.0, 0.0), parameters=ONE) -> None
     """Compare a library's answers to a signature and to its first shape with those expected."""
     answers = [(library.rank(signature(query, parameters), measure="moments", k=1000), query, "")]
     first = library.page(limit=1).items
-    if first and first[0].parameters == parameters.as_dict():
+    if first and first[0].parameters == parameters:
         vector = library.signature(first[0].id).descriptors["moments"]
         answers.append((library.rank(first[0].id, measure="moments", k=1000), vector, first[0].id))
     for ranking, vector, but in answers:
@@ -147,7 +145,7 @@ with Library({str(path)!r}) as library:
 
 def test_what_was_given_out_stays_as_it_was(library):
     ids = [add(library, (number, 0, 0), "a") for number in range(10)]
-    index = VectorIndex()
+    index = SearchIndex()
     first = held(library, index)
     before = first.gallery.vectors.copy(), first.gallery.codes.copy(), first.seqs.copy()
     library.change(ids[3], {"label": "b"})
@@ -160,12 +158,12 @@ def test_what_was_given_out_stays_as_it_was(library):
         assert np.array_equal(old, array)
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
-    assert (first.gallery.labels, len(first.left_out)) == (("a",), 0)
+    assert (first.gallery.labels, len(first.excluded)) == (("a",), 0)
 
 
 def test_neither_an_addition_nor_a_change_reads_or_moves_the_rows_that_are_there(library):
     ids = [add(library, (number, 0, 0), "a") for number in range(5)]
-    index = VectorIndex()
+    index = SearchIndex()
     held(library, index)
     add(library, (5, 0, 0))
     room = held(library, index)  # the table has grown and has room for more
@@ -191,18 +189,18 @@ def test_neither_an_addition_nor_a_change_reads_or_moves_the_rows_that_are_there
 
 def test_removed_rows_are_dropped_when_they_are_a_quarter(library, path):
     ids = [add(library, (number, 0, 0), "a" if number % 2 else None) for number in range(16)]
-    index = VectorIndex()
+    index = SearchIndex()
     held(library, index)
     for shape_id in ids[3:7]:
         library.remove(shape_id)
     kept = held(library, index)
-    assert (len(kept), len(kept.seqs), len(kept.left_out)) == (12, 16, 4)
+    assert (len(kept), len(kept.seqs), len(kept.excluded)) == (12, 16, 4)
     assert (kept.gallery.codes[3:7] == UNLABELLED).all()
     assert np.isinf(kept.distances(np.zeros(WIDTH, np.float32), MOMENTS)).nonzero()[0].tolist() == [3, 4, 5, 6]
     library.remove(ids[0])
     add(library, (50, 0, 0), "b")
     dropped = held(library, index)
-    assert (len(dropped), len(dropped.seqs), len(dropped.left_out)) == (12, 12, 0)
+    assert (len(dropped), len(dropped.seqs), len(dropped.excluded)) == (12, 12, 0)
     assert dropped.gallery.vectors[:, 0].tolist() == [1, 2, *range(7, 16), 50]
     assert [dropped.gallery.label(row) for row in range(12)] == ["a", None, *["a", None] * 4, "a", "b"]
     check(library, path)
@@ -227,13 +225,13 @@ def test_a_shape_that_came_and_went_between_two_queries_leaves_nothing(library, 
 
 def test_more_answers_than_a_statement_names_keep_their_order(library, path):
     with library.store.write() as connection:
-        for number in range(rows.MAX_PAGE + 20):
+        for number in range(shape_rows.MAX_PAGE + 20):
             insert(connection, (number % 7, number % 5, 0), f"class {number % 11}")
     check(library, path)
 
 
 def test_a_vector_is_what_the_measure_makes_of_weighted_descriptors(library):
-    weighted = VectorMeasure("both", (), "", parts=(("surface_moments", 0.3), ("moments", 1 / 7)))
+    weighted = VectorMeasure("both", parts=(("surface_moments", 0.3), ("moments", 1 / 7)))
     random = np.random.default_rng(0)
     wanted = []
     with library.store.write() as connection:
@@ -242,7 +240,7 @@ def test_a_vector_is_what_the_measure_makes_of_weighted_descriptors(library):
             insert(connection, ours[0], surface_moments=ours[1])
             wanted.append(weighted.vector({"moments": ours[0], "surface_moments": ours[1]}))
     add(library, (1, 2, 3))  # without the other descriptor: it cannot be compared
-    found = held(library, VectorIndex(), IndexKey(weighted, KEY.parameters, KEY.version))
+    found = held(library, SearchIndex(), IndexKey(weighted, KEY.parameters, KEY.version))
     assert np.array_equal(found.gallery.vectors, np.stack(wanted))
 
 
@@ -257,7 +255,7 @@ def test_descriptors_of_different_lengths_are_a_store_error_and_spoil_nothing(li
     with library.store.write() as connection:
         for number in range(before):
             insert(connection, (number, 0, 0))
-    loaded, fresh = VectorIndex(), VectorIndex()
+    loaded, fresh = SearchIndex(), SearchIndex()
     good = held(library, loaded)
     longer = add(library, (1, 2, 3, 4))
     add(library, (7, 7, 7), "late")
@@ -291,7 +289,7 @@ def test_those_who_ask_while_a_table_is_read_wait_for_it(library):
     with library.store.write() as connection:
         for number in range(50):
             insert(connection, (number, 0, 0))
-    index, start = VectorIndex(), threading.Barrier(6)
+    index, start = SearchIndex(), threading.Barrier(6)
     reads = []
     event.listen(library.store._engine, "before_cursor_execute", lambda *call: reads.append(call[2]))
 
@@ -350,18 +348,18 @@ def test_answers_are_of_one_moment_while_threads_change_everything(path):
 
 def test_tables_that_nothing_is_in_are_not_kept_and_others_are_few(library):
     add(library, (1.0, 2.0, 3.0))
-    index = VectorIndex()
+    index = SearchIndex()
     with library.store.read() as connection:
         for samples in range(100, 400):  # anybody may ask for any parameters
             key = IndexKey(MOMENTS, Parameters(samples=samples).to_json(), ALGORITHM_VERSION)
-            assert len(index.get(connection, key).seqs) == 0
+            assert len(index.snapshot(connection, key).seqs) == 0
         assert len(index) == 0
-        assert len(index.get(connection, KEY).seqs) == 1
+        assert len(index.snapshot(connection, KEY).seqs) == 1
         assert len(index) == 1
     for samples in range(100, 140):
         add(library, (1.0, 2.0, 3.0), parameters=Parameters(samples=samples))
     with library.store.read() as connection:
         for samples in range(100, 140):
-            index.get(connection, IndexKey(MOMENTS, Parameters(samples=samples).to_json(), ALGORITHM_VERSION))
+            index.snapshot(connection, IndexKey(MOMENTS, Parameters(samples=samples).to_json(), ALGORITHM_VERSION))
         assert len(index) == 32
-        assert len(index.get(connection, KEY).seqs) == 1
+        assert len(index.snapshot(connection, KEY).seqs) == 1

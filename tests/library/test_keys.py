@@ -8,7 +8,6 @@ import pytest
 
 from unbend import Library
 from unbend.errors import NotFoundError, ParameterError
-from unbend.library.keys import create_key, find_key, has_keys, list_keys, revoke_key
 
 
 @pytest.fixture
@@ -18,13 +17,11 @@ def library(tmp_path):
 
 
 def made(library: Library, name: str = "a key", scope: str = "read"):
-    with library.store.write() as connection:
-        return create_key(connection, name, scope)
+    return library.keys.create(name, scope)
 
 
 def found(library: Library, text: str):
-    with library.store.read() as connection:
-        return find_key(connection, text)
+    return library.keys.find(text)
 
 
 def test_a_key_is_recognised_by_its_text_and_only_a_hash_of_its_secret_is_stored(library):
@@ -75,21 +72,20 @@ def test_a_text_that_differs_anywhere_is_no_key(library):
 def test_keys_are_listed_in_order_and_a_revoked_one_is_never_recognised_again(library):
     first, text = made(library, "first")
     second, _ = made(library, "second", "write")
-    with library.store.write() as connection:
-        assert list_keys(connection) == [first, second]
-        revoked = revoke_key(connection, first.id)
-        assert revoked.revoked_at >= first.created_at
-        assert revoke_key(connection, first.id) == revoked
-        assert list_keys(connection) == [revoked, second]
-        assert has_keys(connection)
-        revoke_key(connection, second.id)
-        assert not has_keys(connection)
+    assert library.keys.all() == [first, second]
+    revoked = library.keys.revoke(first.id)
+    assert revoked.revoked_at >= first.created_at
+    assert library.keys.revoke(first.id) == revoked
+    assert library.keys.all() == [revoked, second]
+    assert library.keys.are_required()
+    library.keys.revoke(second.id)
+    assert not library.keys.are_required()
     assert found(library, text) is None
 
 
 def test_a_key_that_is_not_there_cannot_be_revoked(library):
-    with pytest.raises(NotFoundError, match="no key nobody"), library.store.write() as connection:
-        revoke_key(connection, "nobody")
+    with pytest.raises(NotFoundError, match="no key nobody"):
+        library.keys.revoke("nobody")
 
 
 @pytest.mark.parametrize(("name", "scope"), [("", "read"), ("x" * 201, "read"), ("two\nlines", "read"), ("x", "god")])

@@ -11,11 +11,16 @@ import pytest
 
 from unbend import Library
 from unbend.errors import StoreError, StoreInUseError
-from unbend.library.lease import Lease
+from unbend.library.storage.lease import Lease
 
-HOLD = (
-    "import sys; from unbend.library.lease import Lease; held = Lease(sys.argv[1]); print('held', flush=True); input()"
-)
+HOLD = """
+import sys
+from unbend.library.storage.lease import Lease
+
+held = Lease(sys.argv[1])
+print("held", flush=True)
+input()
+"""
 
 
 def test_a_second_lease_is_refused_by_the_name_of_the_first(tmp_path):

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from sqlalchemy import insert, select
 
-from server import DAMAGED, ply, small_mesh, two_rings
+from tests.support.server import DAMAGED, ply, small_mesh, two_rings
 from unbend import Library, MeshPolicy, Parameters, compare, compute_signature, embed, read_mesh
 from unbend.errors import MeshGeometryError, MeshReadError, NotFoundError, ParameterError
-from unbend.library import overview, schema
-from unbend.library.shapes import MAX_PAGE
+from unbend.library.search import overview
+from unbend.library.shape_rows import MAX_PAGE
+from unbend.library.storage import schema
 from unbend.matching.classification import CLASSIFIERS
 from unbend.matching.measures import MEASURES, VECTOR_MEASURES
 from unbend.mesh.shapes import cylinder, s_bend, sheet, sphere, spiral, torus
@@ -59,7 +60,7 @@ def test_what_is_added_is_told_again_in_full(library):
     record = library.add(data, name="ring", label="torus", metadata={"scanner": "A", "n": [1, None]}, parameters=FEW)
     assert library.get(record.id) == record
     assert (record.name, record.label, record.metadata) == ("ring", "torus", {"scanner": "A", "n": [1, None]})
-    assert (record.size, record.parameters) == (len(data), FEW.as_dict())
+    assert (record.size, record.parameters) == (len(data), FEW)
     assert record.area == pytest.approx(read_mesh(data).area)
     assert record.report["file_type"] == "ply"
     assert record.created_at.tzinfo is not None
@@ -107,8 +108,8 @@ def test_the_same_bytes_read_otherwise_are_another_shape_that_is_compared_with_t
     largest = library.add(data, parameters=FEW)
     bridged = library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge"))
     assert library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge")) == bridged
-    assert largest.policy == {"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}
-    assert library.get(bridged.id).policy == largest.policy | {"components": "bridge"}
+    assert largest.policy == MeshPolicy()
+    assert library.get(bridged.id).policy == MeshPolicy(components="bridge")
     assert bridged.area > 1.05 * largest.area
     assert [match.id for match in library.nearest(largest.id)] == [bridged.id]
     assert library.nearest(largest.id)[0].distance > 0
@@ -350,9 +351,9 @@ def test_an_unknown_measure_is_refused(filled):
 
 
 def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
-    figures, told = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
-    assert figures == told.figures
-    assert (figures.nn, figures.ft, figures.map) == (1.0, 1.0, 1.0)
+    metrics, told = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
+    assert metrics == told.metrics
+    assert (metrics.nn, metrics.ft, metrics.map) == (1.0, 1.0, 1.0)
     assert (told.queries, told.labels) == (5, ("sheet", "sphere"))
     assert told.confusion.tolist() == [[3, 0], [0, 2]]
 
@@ -360,7 +361,7 @@ def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
 def test_a_large_library_asks_some_of_all(filled, monkeypatch):
     monkeypatch.setattr(overview, "_PAIRS", 15)
     told = filled[0].evaluation(parameters=FEW)
-    assert (told.queries, told.figures.nn) == (3, 1.0)
+    assert (told.queries, told.metrics.nn) == (3, 1.0)
 
 
 def test_the_map_has_a_place_for_every_shape_by_signature_and_as_it_stands(filled):

@@ -8,16 +8,16 @@ from contextlib import closing
 
 from sqlalchemy import Connection
 
-from store import add
+from tests.support.store import add
 from unbend import Library
-from unbend.library import shapes as rows
+from unbend.library import shape_rows
 
 
 def counted(library: Library, looks: list[int]):
     async def fetch() -> int:
         def look(connection: Connection) -> int:
             looks.append(1)
-            return rows.count_shapes(connection)
+            return shape_rows.count_shapes(connection)
 
         return await library.store.fetch(look, "how many")
 

@@ -8,8 +8,8 @@ from functools import partial
 
 import pytest
 
-from disk import small_disk
-from store import add, insert
+from tests.support.disk import small_disk
+from tests.support.store import add, insert
 from unbend import Library
 from unbend.errors import StoreFullError, StoreLostError
 
@@ -61,7 +61,7 @@ def test_a_library_behind_a_link_is_watched_where_it_lies(tmp_path, harm):
     (tmp_path / "real").mkdir()
     (tmp_path / "link.db").symlink_to(tmp_path / "real" / "library.db")
     with Library(str(tmp_path / "link.db")) as library:
-        library.store.reserve(2**20)
+        library.disk.reserve(2**20)
         assert (tmp_path / "real" / "library.db-reserve").stat().st_size == 2**20
         add(library, b"one", "one")
         harm(tmp_path / "real" / "library.db")
@@ -70,10 +70,10 @@ def test_a_library_behind_a_link_is_watched_where_it_lies(tmp_path, harm):
 
 
 def test_an_upload_that_is_refused_does_not_cost_the_reserve(library, tmp_path):
-    library.store.reserve(2**20)
+    library.disk.reserve(2**20)
     with (tmp_path / "library.db-reserve").open("rb") as reserve:
         with pytest.raises(StoreFullError):
-            library.store.change(lambda _: library.store.admit(2**60))
+            library.store.change(lambda _: library.disk.admit_upload(2**60))
         assert os.fstat(reserve.fileno()).st_nlink == 1  # it is there, and was all the time
 
 
@@ -94,38 +94,38 @@ LARGE = 4 * 2**20
 
 def test_a_full_disk_refuses_what_does_not_fit_and_lets_shapes_be_removed(disk):
     with Library(str(disk / "library.db")) as library:
-        library.store.reserve(6 * 2**20)
+        library.disk.reserve(6 * 2**20)
         large = add(library, bytes(LARGE), "large")
-        (disk / "other").write_bytes(bytes(library.store.free() - 6 * 2**20))  # somebody else fills what is left
+        (disk / "other").write_bytes(bytes(library.disk.free() - 6 * 2**20))  # somebody else fills what is left
         with pytest.raises(StoreFullError):
-            library.store.admit(LARGE)
+            library.disk.admit_upload(LARGE)
         with pytest.raises(StoreFullError), library.store.write() as connection:
             insert(connection, bytes(3 * LARGE), "more")
         library.remove(large.id)  # overwrites as much as it takes away
         assert len(library) == 0
-        library.store.admit(LARGE // 2)  # where the shape was
+        library.disk.admit_upload(LARGE // 2)  # where the shape was
         add(library, bytes(LARGE // 2), "in its place")
 
 
 def test_jobs_can_begin_as_long_as_uploads_are_taken(disk):
     with Library(str(disk / "library.db")) as library, (disk / "other").open("wb", buffering=0) as other:
-        library.store.reserve(6 * 2**20)
+        library.disk.reserve(6 * 2**20)
 
         def fill() -> None:
             for _ in range(24 * 16):
-                library.store.admit(0)
-                library.store.admit_result()
+                library.disk.admit_upload(0)
+                library.disk.admit_result()
                 other.write(bytes(2**16))
 
         with pytest.raises(StoreFullError):
             fill()
-        library.store.admit_result()  # for what was taken before
+        library.disk.admit_result()  # for what was taken before
 
 
 def test_the_reserve_is_made_again_when_there_is_room(disk):
     with Library(str(disk / "library.db")) as library:
-        library.store.reserve(6 * 2**20)
-        free = library.store.free()
+        library.disk.reserve(6 * 2**20)
+        free = library.disk.free()
         other = disk / "other"
         other.write_bytes(bytes(free - 7 * 2**20))  # one is left
         shape = add(library, b"small", "small")
@@ -133,7 +133,7 @@ def test_the_reserve_is_made_again_when_there_is_room(disk):
             library.store.change(lambda connection: insert(connection, bytes(10 * 2**20), "large"))
         assert not (disk / "library.db-reserve").exists()
         other.unlink()
-        library.store.admit(LARGE)
+        library.disk.admit_upload(LARGE)
         assert (disk / "library.db-reserve").stat().st_size == 6 * 2**20
         assert library.get(shape.id).name == "small"
     assert not (disk / "library.db-reserve").exists()

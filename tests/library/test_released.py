@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from server import without_settings
+from tests.support.server import without_settings
 from unbend import Library, MeshPolicy
 from unbend.jobs import JobLimits, JobRunner
-from unbend.jobs.worker import StoredMesh, Task, compute
-from unbend.library import queue
-from unbend.library.engine import revisions
-from unbend.library.keys import list_keys
-from unbend.library.payload import unpack_signature
+from unbend.jobs.worker import StoredMesh, compute_query
+from unbend.library import job_rows
+from unbend.library.packing import unpack_signature
+from unbend.library.requests import decode_request
+from unbend.library.storage.database import revisions
 
 RELEASED = Path(__file__).parent / "released"
 DUMPS = sorted(path.stem for path in RELEASED.glob("*.sql"))
@@ -112,11 +112,11 @@ def test_every_shape_can_be_read_searched_changed_and_removed(old):
             assert (shape.id, shape.name, shape.label, shape.seq) == tuple(
                 row[key] for key in ("id", "name", "label", "seq")
             )
-            assert (shape.metadata, shape.policy) == (json.loads(row["metadata"]), reading(old).as_dict())
+            assert (shape.metadata, shape.policy) == (json.loads(row["metadata"]), reading(old))
             assert shape.warnings == []
             assert shape.created_at.timestamp() == row["created_at"]
             assert library.mesh(shape.id) == row["data"]
-            signature, written = library.signature(shape.id), unpack_signature(row["payload"])
+            signature, written = library.signature(shape.id), unpack_signature(row["payload"], {})
             assert signature.points.shape == (6, 3)
             np.testing.assert_array_equal(signature.points, written.points)
             assert set(signature.descriptors) >= {"moments", "spectrum", "distribution"}
@@ -130,26 +130,19 @@ def test_every_shape_can_be_read_searched_changed_and_removed(old):
         assert library.nearest(library.signature(other.id), 9)[0].id == other.id
 
 
+_STORED = ("kind", "state", "stage", "progress", "attempts", "restarts", "seq", "mesh_sha256", "shape_id")
+
+
 @each
 def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
     told = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
     with Library(str(old)) as library:
         with library.store.read() as connection:
-            jobs = [queue.get_job(connection, job_id) for job_id in told]
+            jobs = [job_rows.get_job(connection, job_id) for job_id in told]
         assert len(jobs) == len(told) == 7
         for job in jobs:
             row = told[job.id]
-            for name in (
-                "kind",
-                "state",
-                "stage",
-                "progress",
-                "attempts",
-                "restarts",
-                "seq",
-                "mesh_sha256",
-                "shape_id",
-            ):
+            for name in _STORED:
                 assert getattr(job, name) == row[name]
             assert job.error == json.loads(row["error"] or "null")
             answer = json.loads(row["result"] or "null")
@@ -157,13 +150,13 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
                 assert job.result == answer
             else:
                 assert len(job.result["shapes"]) == len(answer["shapes"]) == 2
-            assert job.request == ({} if job.finished else json.loads(row["request"]))
+            assert job.request == (None if job.finished else decode_request(job.kind, json.loads(row["request"])))
             assert job.created_at.timestamp() == row["created_at"]
         with library.store.write() as connection:
-            job = queue.claim(connection)
-        mesh = StoredMesh(library.store.url, job.mesh_sha256, job.file_type, MeshPolicy.from_json(job.policy))
-        assert compute(Task(mesh, job.parameters)).signature.unpack().points.shape == (6, 3)
-        assert job.request["name"] == "waiting"
+            job = job_rows.claim(connection)
+        mesh = StoredMesh(library.url, job.mesh_sha256, job.file_type, job.policy)
+        assert compute_query(mesh, job.parameters).signature.points.shape == (6, 3)
+        assert job.request.name == "waiting"
 
 
 @pytest.mark.parametrize("old", ["0006"], indirect=True)
@@ -182,8 +175,8 @@ def test_stl_files_which_were_welded_are_stitched_from_now_on(old):
 
 @pytest.mark.parametrize("old", [revision for revision in DUMPS if revision >= "0005"], indirect=True)
 def test_keys_stay_live_or_revoked(old):
-    with Library(str(old)) as library, library.store.read() as connection:
-        assert {key.name: key.revoked_at is None for key in list_keys(connection)} == {"live": True, "revoked": False}
+    with Library(str(old)) as library:
+        assert {key.name: key.revoked_at is None for key in library.keys.all()} == {"live": True, "revoked": False}
 
 
 @pytest.mark.parametrize("old", DUMPS[:1], indirect=True)

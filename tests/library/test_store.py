@@ -16,14 +16,14 @@ from alembic.migration import MigrationContext
 from sqlalchemy import Connection, MetaData, create_engine, inspect
 from sqlalchemy.exc import IntegrityError
 
-from server import small_mesh
+from tests.support.server import small_mesh
 from unbend import Library, MeshPolicy, Parameters, Signature, compute_signature, read_mesh
+from unbend import library as package
 from unbend.errors import ParameterError, StoreError, StoreVersionError
-from unbend.jobs import JobRunner, Upload
-from unbend.library import engine
-from unbend.library.keys import create_key, find_key, has_keys, list_keys
-from unbend.library.payload import pack_signature, pack_vector
-from unbend.library.schema import metadata
+from unbend.jobs import JobRunner
+from unbend.library.packing import pack_signature, pack_vector
+from unbend.library.requests import ShapeRequest, Upload
+from unbend.library.storage.schema import metadata
 
 FEW = Parameters(samples=40)
 KEEP = MeshPolicy(seams="keep")  # as everything was read before there was stitching
@@ -44,7 +44,7 @@ def check_schema(connection: Connection) -> None:
 def migrate(connection: Connection, move, revision: str) -> None:
     """Move a database to a revision, with `command.upgrade` or `command.downgrade`."""
     config = Config(attributes={"connection": connection})
-    config.set_main_option("script_location", str(Path(engine.__file__).parent / "migrations"))
+    config.set_main_option("script_location", str(Path(package.__file__).parent / "migrations"))
     config.set_main_option("path_separator", "os")
     move(config, revision)
 
@@ -95,7 +95,7 @@ def test_a_library_of_the_first_schema_keeps_what_it_holds_and_knows_it_again(tm
             assert connection.exec_driver_sql("PRAGMA foreign_key_check").all() == []
         kept = library.get("shape")
         assert (kept.name, kept.label, kept.metadata, kept.seq) == ("ring", "torus", {"n": 1}, 9)
-        assert (kept.parameters, kept.policy) == (FEW.as_dict(), KEEP.as_dict())
+        assert (kept.parameters, kept.policy) == (FEW, KEEP)
         assert library.mesh("shape") == small_mesh(0)
         assert library.add(small_mesh(0), parameters=FEW, policy=KEEP) == kept
         (match,) = library.nearest(library.signature("shape"))
@@ -112,7 +112,7 @@ async def submitted(library: Library, data: bytes):
     """What a runner that was never started answers to an upload."""
     runner = JobRunner(library, workers=1)
     try:
-        return await runner.submit("shape", Upload(data, "ply", FEW, KEEP), {})
+        return await runner.submit_shape(Upload(data, "ply", FEW, KEEP), ShapeRequest("a"))
     finally:
         await runner.stop()
 
@@ -187,8 +187,7 @@ def test_a_library_from_before_keys_has_none_and_can_have_some(tmp_path):
     path = tmp_path / "a.db"
     with Library(str(path)) as library:
         record = library.add(small_mesh(0), parameters=FEW)
-        with library.store.write() as connection:
-            create_key(connection, "lost on the way back", "write")
+        library.keys.create("lost on the way back", "write")
     made = create_engine(f"sqlite:///{path}")
     with made.begin() as connection:
         migrate(connection, command.downgrade, "0004")
@@ -196,12 +195,12 @@ def test_a_library_from_before_keys_has_none_and_can_have_some(tmp_path):
     made.dispose()
     with Library(str(path)) as library:
         assert library.page().items == [record]
-        with library.store.write() as connection:
+        with library.store.read() as connection:
             check_schema(connection)
-            assert list_keys(connection) == []
-            assert not has_keys(connection)
-            made_now, text = create_key(connection, "new", "read")
-            assert find_key(connection, text) == made_now
+        assert library.keys.all() == []
+        assert not library.keys.are_required()
+        made_now, text = library.keys.create("new", "read")
+        assert library.keys.find(text) == made_now
 
 
 def test_foreign_keys_are_watched_once_the_migration_is_done(tmp_path):

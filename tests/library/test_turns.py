@@ -5,20 +5,19 @@ from __future__ import annotations
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from store import PARAMETERS
-from unbend import Library, MeshPolicy
-from unbend.library import queue
-from unbend.library import shapes as rows
-from unbend.library.key import UploadKey
-from unbend.library.queue import Sender
+from tests.support.store import PARAMETERS
+from unbend import Library
+from unbend.library import job_rows, shape_rows
+from unbend.library.job_rows import Sender
+from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 
 
-def send(connection, number: int, owner: str | None, data: bytes = b"") -> queue.JobRecord:
+def send(connection, number: int, owner: str | None, data: bytes = b"") -> job_rows.JobRecord:
     data = data or b"%d" % number
-    key = UploadKey.of(data, PARAMETERS, MeshPolicy())
-    rows.put_mesh(connection, key.sha256, data)
-    kind = "shape" if data == b"same" else "query"
-    return queue.enqueue(connection, kind=kind, key=key, file_type="off", request={}, sender=Sender(owner))
+    key = Upload(data, "off", PARAMETERS).key
+    shape_rows.put_mesh(connection, key.sha256, data)
+    request = ShapeRequest("a") if data == b"same" else QueryRequest()
+    return job_rows.enqueue(connection, key=key, file_type="off", request=request, sender=Sender(owner))
 
 
 def test_sixty_of_one_key_do_not_put_another_back(library):
@@ -26,8 +25,8 @@ def test_sixty_of_one_key_do_not_put_another_back(library):
         for number in range(60):
             send(connection, number, "a")
         other = send(connection, 60, "b")
-        assert queue.position(connection, other) == 1
-        claimed = [queue.claim(connection) for _ in range(3)]
+        assert job_rows.position(connection, other) == 1
+        claimed = [job_rows.claim(connection) for _ in range(3)]
     assert [job.owner for job in claimed] == ["a", "b", "a"]
 
 
@@ -43,11 +42,11 @@ def test_the_place_of_a_job_is_how_many_are_begun_before_it(tmp_path_factory, ow
     ):
         sent = [send(connection, number, owner).id for number, owner in enumerate(owners)]
         for _ in range(min(begun, len(sent) - 1)):
-            queue.claim(connection)
-        waiting = [queue.get_job(connection, one) for one in sent]
-        places = {job.id: queue.position(connection, job) for job in waiting if job.state == "queued"}
+            job_rows.claim(connection)
+        waiting = [job_rows.get_job(connection, one) for one in sent]
+        places = {job.id: job_rows.position(connection, job) for job in waiting if job.state == "queued"}
         order = []
-        while job := queue.claim(connection):
+        while job := job_rows.claim(connection):
             order.append(job.id)
         assert places == {one: place for place, one in enumerate(order)}
 
@@ -56,8 +55,8 @@ def test_an_upload_waits_while_another_of_its_file_is_computed(library):
     with library.store.write() as connection:
         first, second = (send(connection, number, owner, b"same") for number, owner in enumerate("ab"))
         other = send(connection, 2, "a")
-        assert queue.claim(connection).id == first.id
-        assert queue.claim(connection).id == other.id
-        assert queue.claim(connection) is None
-        queue.finish(connection, first.id, "failed")
-        assert queue.claim(connection).id == second.id
+        assert job_rows.claim(connection).id == first.id
+        assert job_rows.claim(connection).id == other.id
+        assert job_rows.claim(connection) is None
+        job_rows.finish(connection, first.id, "failed")
+        assert job_rows.claim(connection).id == second.id

@@ -10,16 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from commands import called, succeeded
-from server import small_mesh
-from store import PARAMETERS, add
-from unbend import Library, MeshPolicy, Parameters
+from tests.support.commands import called, succeeded
+from tests.support.server import small_mesh
+from tests.support.store import PARAMETERS, add
+from unbend import Library, Parameters
 from unbend.errors import UnbendError
-from unbend.library import queue
-from unbend.library import shapes as rows
-from unbend.library.backup import backup, restore, verify
-from unbend.library.key import UploadKey
-from unbend.library.keys import create_key
+from unbend.library import job_rows, shape_rows
+from unbend.library.backups.backup import backup, restore, verify
+from unbend.library.requests import QueryRequest, Upload
 
 FEW = Parameters(samples=40)
 
@@ -31,15 +29,15 @@ def sound(tmp_path_factory) -> Path:
     with Library(str(folder / "library.db")) as library:
         shape = library.add(small_mesh(0), name="a", label="b", metadata={"c": [1]}, parameters=FEW)
         add(library, b"x" * 50_000, "made up")
+        library.keys.create("a key", "write")
         with library.store.write() as connection:
-            create_key(connection, "a key", "write")
-            key = UploadKey.of(b"query", PARAMETERS, MeshPolicy())
-            rows.put_mesh(connection, key.sha256, b"query")
-            job = queue.enqueue(connection, kind="query", key=key, file_type="off", request={"k": 1})
+            key = Upload(b"query", "off", PARAMETERS).key
+            shape_rows.put_mesh(connection, key.sha256, b"query")
+            job = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest(k=1))
             answer = library.rank(library.signature(shape.id), k=1).as_dict()
-            queue.claim(connection)
-            queue.finish(connection, job.id, "succeeded", result=answer)
-        backup(library.store.url, folder / "backup.db")
+            job_rows.claim(connection)
+            job_rows.finish(connection, job.id, "succeeded", result=answer)
+        backup(library.url, folder / "backup.db")
     return folder / "backup.db"
 
 
@@ -59,23 +57,23 @@ HARM = {
     "two states": ("INSERT INTO library_state (id, revision) VALUES (7, 1)", "library_state has not one row"),
     "another mesh": ("UPDATE meshes SET data = zeroblob(length(data))", "is not the one that was uploaded"),
     "a mesh of another size": ("UPDATE meshes SET size = size + 1", "is not the one that was uploaded"),
-    "metadata that is no JSON": ("UPDATE shapes SET metadata = '{'", "of shapes holds what cannot be read"),
+    "metadata that is no JSON": ("UPDATE shapes SET metadata = '{'", "of shapes cannot be read"),
     "parameters that are none": ("UPDATE signatures SET parameters = '{\"samples\": 1}'", "row 1 of signatures"),
     "a policy that is none": ("UPDATE signatures SET policy = 'x'", "row 1 of signatures"),
-    "a report that is none": ("UPDATE signatures SET report = '[]'", "a report that is no object"),
+    "a report that is none": ("UPDATE signatures SET report = '[]'", "a report that is not an object"),
     "a signature cut off": ("UPDATE signatures SET payload = substr(payload, 1, 100)", "no signature"),
     "a vector cut off": ("UPDATE descriptors SET vector = substr(vector, 1, 9)", "row 1 of descriptors"),
     "a vector that is text": ("UPDATE descriptors SET vector = 'x'", "a vector of the wrong type"),
     "a label that is a number": ("UPDATE shapes SET label = x'00'", "a label of the wrong type"),
-    "a state that there is not": ("UPDATE jobs SET state = 'done'", "a state that there is not"),
-    "an answer of another form": ('UPDATE jobs SET result = \'{"shapes": [[1]], "classes": []}\'', "another form"),
+    "an unknown state": ("UPDATE jobs SET state = 'done'", "an unknown state"),
+    "a malformed result": ('UPDATE jobs SET result = \'{"shapes": [[1]], "classes": []}\'', "a malformed result"),
     "a job that waits for no mesh": (
         "UPDATE jobs SET state = 'queued', mesh_sha256 = NULL",
-        "no mesh, though it waits",
+        "no mesh before its end",
     ),
     "a time beyond all times": ("UPDATE shapes SET created_at = 1e300", "created_at"),
     "a reference to nothing": ("PRAGMA foreign_keys = OFF; DELETE FROM signatures", "refers to nothing"),
-    "a scope that there is not": ("UPDATE api_keys SET scope = 'god'", "a scope that there is not"),
+    "an unknown scope": ("UPDATE api_keys SET scope = 'god'", "an unknown scope"),
 }
 
 
@@ -142,5 +140,5 @@ def test_a_backup_with_a_flipped_byte_is_refused_or_as_good_as_it_was(sound, tmp
             assert library.mesh(shape.id)
             assert library.signature(shape.id)
         with library.store.read() as connection:
-            for job in queue.list_jobs(connection, queue.JobFilter(), cursor=None, limit=10).items:
-                assert queue.get_job(connection, job.id)
+            for job in job_rows.list_jobs(connection, job_rows.JobFilter(), cursor=None, limit=10).items:
+                assert job_rows.get_job(connection, job.id)

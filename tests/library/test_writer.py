@@ -9,10 +9,9 @@ from functools import partial
 import pytest
 from sqlalchemy import Connection
 
-from store import insert
+from tests.support.store import insert
 from unbend import Library
 from unbend.errors import NotFoundError, StoreFullError
-from unbend.library.writer import Writer
 
 
 @pytest.fixture
@@ -23,9 +22,7 @@ def library(tmp_path):
 
 @pytest.fixture
 def writer(library):
-    with_store = Writer(library.store)
-    yield with_store
-    with_store.close()
+    return library.store
 
 
 def put(connection: Connection, name: str) -> str:
@@ -80,12 +77,12 @@ def test_a_change_that_fails_alone_leaves_nothing_and_the_writer_goes_on(library
     assert names(library) == ["after"]
 
 
-def test_what_was_asked_for_before_the_end_is_made(library):
-    writer = Writer(library.store)
-    futures = [writer.submit(partial(put, name=str(number))) for number in range(200)]
-    writer.close()
+def test_what_was_asked_for_before_the_end_is_made(tmp_path):
+    with Library(str(tmp_path / "closed.db")) as library:
+        futures = [library.store.submit(partial(put, name=str(number))) for number in range(200)]
     assert all(future.done() for future in futures)
-    assert len(library) == 200
+    with Library(str(tmp_path / "closed.db")) as library:
+        assert len(library) == 200
 
 
 def fill(connection: Connection, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Retrieval figures: known answers, and the definitions written out query by query as an oracle."""
+"""Retrieval metrics: known answers, and the definitions written out query by query as an oracle."""
 
 from __future__ import annotations
 
@@ -11,19 +11,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from unbend.errors import ParameterError
-from unbend.matching.evaluate import evaluate, leave_one_out, nearest_class_accuracy
+from unbend.matching.evaluate import evaluate
 
-FIGURES = ("nn", "ft", "st", "e", "dcg", "map")
+METRICS = ("nn", "ft", "st", "e", "dcg", "map")
 
 
 def separate(labels):
-    """Distances under which each class lies by itself."""
+    """Distances under which the classes are far from each other."""
     places = np.arange(len(labels))
     return np.abs(places[:, None] - places) + 1000.0 * np.not_equal.outer(labels, labels)
 
 
+def leave_one_out(distances, labels):
+    return evaluate(distances, labels, labels, own=np.arange(len(labels))).metrics
+
+
 def ranked_at(ranks, count):
-    """One query of class "a" whose relevant shapes come at these places of `count`."""
+    """One query of class "a" whose relevant shapes have these ranks among `count`."""
     labels = ["a" if place in ranks else "b" for place in range(1, count + 1)]
     return evaluate(np.arange(1.0, count + 1)[None], ["a"], labels)
 
@@ -31,31 +35,32 @@ def ranked_at(ranks, count):
 # --- known answers
 
 
-def test_figures_of_a_perfect_ranking_are_one():
+def test_metrics_of_a_perfect_ranking_are_one():
     labels = ["a"] * 40 + ["b"] * 40
-    figures = leave_one_out(separate(labels), labels)
-    assert (figures.nn, figures.ft, figures.st) == (1, 1, 1)
-    assert (figures.dcg, figures.map) == (pytest.approx(1), pytest.approx(1))
-    assert figures.e == pytest.approx(2 / (1 + 39 / 32))  # 32 places hold 32 of 39 members
+    metrics = leave_one_out(separate(labels), labels)
+    assert (metrics.nn, metrics.ft, metrics.st) == (1, 1, 1)
+    assert (metrics.dcg, metrics.map) == (pytest.approx(1), pytest.approx(1))
+    assert metrics.e == pytest.approx(2 / (1 + 39 / 32))  # 32 places hold 32 of 39 members
 
 
-def test_figures_of_a_ranking_counted_by_hand():
-    # Query 0 sees b, a, c, a: its two others at ranks 2 and 4. Queries 2 and 4 see all at one distance, so in the
-    # order of the rows: a, b, c, a and a, b, a, c. The classes b and c have one member and ask nothing.
+def test_metrics_of_a_ranking_counted_by_hand():
+    # Query 0 ranks b, a, c, a: its two others at ranks 2 and 4. All shapes are equally far from queries 2 and 4, so
+    # they come in the order of the rows: a, b, c, a and a, b, a, c. The classes b and c have one member, so their
+    # queries have no metrics.
     distances = np.full((5, 5), 9.0)
     distances[0] = [0, 1, 2, 3, 4]
-    figures = leave_one_out(distances, ["a", "b", "a", "c", "a"])
+    metrics = leave_one_out(distances, ["a", "b", "a", "c", "a"])
     gain = {1: 1.0, 2: 1.0, 3: 1 / np.log2(3), 4: 1 / np.log2(4)}
-    assert figures.nn == pytest.approx(np.mean([0, 1, 1]))
-    assert figures.ft == pytest.approx(np.mean([1 / 2, 1 / 2, 1 / 2]))
-    assert figures.st == pytest.approx(1.0)
-    assert figures.e == pytest.approx(2 / (32 / 2 + 1))
-    assert figures.dcg == pytest.approx(np.mean([gain[2] + gain[4], gain[1] + gain[4], gain[1] + gain[3]]) / 2)
-    assert figures.map == pytest.approx(np.mean([(1 / 2 + 2 / 4) / 2, (1 + 2 / 4) / 2, (1 + 2 / 3) / 2]))
+    assert metrics.nn == pytest.approx(np.mean([0, 1, 1]))
+    assert metrics.ft == pytest.approx(np.mean([1 / 2, 1 / 2, 1 / 2]))
+    assert metrics.st == pytest.approx(1.0)
+    assert metrics.e == pytest.approx(2 / (32 / 2 + 1))
+    assert metrics.dcg == pytest.approx(np.mean([gain[2] + gain[4], gain[1] + gain[4], gain[1] + gain[3]]) / 2)
+    assert metrics.map == pytest.approx(np.mean([(1 / 2 + 2 / 4) / 2, (1 + 2 / 4) / 2, (1 + 2 / 3) / 2]))
 
 
 def test_precision_and_recall_of_the_example_in_the_benchmarks_documentation():
-    # psbPlot's: five others of the class, found at the places 1, 4, 10, 41 and 44
+    # psbPlot's example: five others of the class, found at the places 1, 4, 10, 41 and 44
     curve = ranked_at({1, 4, 10, 41, 44}, 60).precision_recall
     precision = dict(zip(np.round(curve.recall, 2).tolist(), curve.precision, strict=True))
     known = {0.2: 1.0, 0.4: 0.5, 0.6: 0.3, 0.8: 0.097561, 1.0: 0.113636}
@@ -66,12 +71,12 @@ def test_precision_and_recall_of_the_example_in_the_benchmarks_documentation():
 
 
 def test_low_recall_is_averaged_over_large_classes_only():
-    # three others of "a" know recall from 1/3 on, six of "b" from 1/6 on
+    # queries of "a" have three others and a precision from recall 1/3 on; those of "b" six, and from 1/6 on
     labels = ["a"] * 4 + ["b"] * 7
     distances = separate(labels)
-    distances[:4] = 0.0  # all of "a" see the shapes in the order of their rows
-    distances[4:] = np.arange(11.0)  # all of "b" see four of "a" first
-    curve = leave_one_curve(distances, labels)
+    distances[:4] = 0.0  # all queries of "a" rank the shapes in the order of their rows
+    distances[4:] = np.arange(11.0)  # all queries of "b" rank four of "a" first
+    curve = evaluate(distances, labels, labels, own=np.arange(len(labels))).precision_recall
     assert curve.recall[0] == pytest.approx(0.2)
     first_of_b = 1 / 5
     second_of_b = 2 / 6
@@ -80,61 +85,51 @@ def test_low_recall_is_averaged_over_large_classes_only():
     assert curve.precision[3] == pytest.approx((4 * 1.0 + 7 * at_third) / 11)
 
 
-def leave_one_curve(distances, labels):
-    return evaluate(distances, labels, labels, own=np.arange(len(labels))).precision_recall
-
-
 def test_confusions_accuracy_and_wrong_answers_of_queries_against_a_gallery():
     gallery = ["b", "a", "c"]
     distances = np.array([[2.0, 1.0, 3.0], [0.5, 1.0, 3.0], [1.0, 2.0, 0.25], [7.0, 8.0, 9.0]])
     found = evaluate(distances, ["a", "a", "c", "d"], gallery, unanswered=["a", "e"])
     assert found.labels == ("a", "b", "c", "d", "e")
     expected = np.zeros((5, 5))
-    expected[0, 0] = expected[0, 1] = expected[2, 2] = expected[3, 1] = 1  # no shape of "d" is there to be found
+    expected[0, 0] = expected[0, 1] = expected[2, 2] = expected[3, 1] = 1  # the gallery has no shape of "d"
     np.testing.assert_array_equal(found.confusion, expected)
     assert found.wrong.tolist() == [1, 3]
     assert (found.nearest.tolist(), found.nearest_distances.tolist()) == ([1, 0, 2, 0], [1.0, 0.5, 0.25, 7.0])
     assert (found.queries, found.unanswered, found.accuracy) == (6, 2, pytest.approx(2 / 6))
-    assert found.figures is not None
-    assert found.figures.nn == pytest.approx(2 / 3)  # of "a", "a" and "c"
+    assert found.metrics is not None
+    assert found.metrics.nn == pytest.approx(2 / 3)  # of "a", "a" and "c"
     rows = {row.label: row for row in found.classes}
     assert [(row.queries, row.members) for row in rows.values()] == [(3, 1), (1, 1), (1, 0), (1, 0)]
     assert [row.accuracy for row in rows.values()] == [pytest.approx(1 / 3), 1.0, 0.0, 0.0]
-    assert (rows["a"].figures.nn, rows["c"].figures.nn) == (0.5, 1.0)
-    assert rows["d"].figures is rows["e"].figures is None
+    assert (rows["a"].metrics.nn, rows["c"].metrics.nn) == (0.5, 1.0)
+    assert rows["d"].metrics is rows["e"].metrics is None
 
 
 def test_where_no_class_is_in_the_gallery_every_answer_is_wrong():
     found = evaluate(np.ones((2, 1)), ["a", "b"], ["c"])
-    assert (found.figures, found.accuracy, found.precision_recall.recall) == (None, 0.0, ())
-    assert all(found.as_dict()[name] is None for name in FIGURES)
+    assert (found.metrics, found.accuracy, found.precision_recall.recall) == (None, 0.0, ())
+    assert all(found.as_dict()[name] is None for name in METRICS)
     nothing = evaluate(np.ones((0, 1)), [], ["c"], unanswered=["c"])
-    assert (nothing.figures, nothing.accuracy, nothing.queries) == (None, 0.0, 1)
+    assert (nothing.metrics, nothing.accuracy, nothing.queries) == (None, 0.0, 1)
 
 
-def test_a_class_of_one_is_a_wrong_answer_when_it_is_left_out_but_asks_nothing():
+def test_a_class_of_one_counts_as_wrong_but_has_no_metrics():
     labels = ["a", "a", "b"]
     found = evaluate(separate(labels), labels, labels, own=np.arange(3))
-    assert found.figures is not None
-    assert found.figures.nn == 1.0
+    assert found.metrics is not None
+    assert found.metrics.nn == 1.0
     assert found.accuracy == pytest.approx(2 / 3)
     assert found.confusion.tolist() == [[2, 0], [1, 0]]
-    assert (found.classes[1].members, found.classes[1].figures) == (1, None)
+    assert (found.classes[1].members, found.classes[1].metrics) == (1, None)
 
 
-def test_accuracy_counts_missing_answers_as_wrong():
-    assert nearest_class_accuracy(["a", None, "b", "b"], ["a", "a", "b", "a"]) == 0.5
-    with pytest.raises(ParameterError, match="no queries"):
-        nearest_class_accuracy([], [])
-
-
-def test_an_evaluation_is_plain_json_with_the_figures_beside_the_rest():
+def test_an_evaluation_is_one_flat_json_object_with_the_metrics_in_it():
     labels = ["b", "a", "a", "b", "c"]
     found = evaluate(separate(labels), labels, labels, own=np.arange(5))
     told = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert told == found.as_dict()
-    assert {name: told[name] for name in FIGURES} == vars(leave_one_out(separate(labels), labels))
-    assert told["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(FIGURES)
+    assert {name: told[name] for name in METRICS} == vars(leave_one_out(separate(labels), labels))
+    assert told["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(METRICS)
     assert told["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
     assert told["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
 
@@ -142,8 +137,8 @@ def test_an_evaluation_is_plain_json_with_the_figures_beside_the_rest():
 # --- against the definitions
 
 
-def oracle_figures(relevant):
-    """Section 4.2 of the benchmark's paper, for one query; `relevant` says it of every place of its ranking."""
+def oracle_metrics(relevant):
+    """Section 4.2 of the benchmark's paper, for one query; `relevant` has a boolean for every rank."""
     size = sum(relevant)
     places = [place for place, hit in enumerate(relevant, 1) if hit]
     precision, recall = sum(relevant[:32]) / 32, sum(relevant[:32]) / size
@@ -159,7 +154,7 @@ def oracle_figures(relevant):
 
 
 def oracle_precision(relevant):
-    """By level in twentieths; only those from the recall of the first hit on."""
+    """Precision by recall level in twentieths, from the recall of the first hit on."""
     places = [place for place, hit in enumerate(relevant, 1) if hit]
     size = len(places)
     recall = [hits / size for hits in range(1, size + 1)]
@@ -168,21 +163,21 @@ def oracle_precision(relevant):
 
 
 def oracle(distances, queries, gallery, own):
-    figures, curves, nearest = [], [], []
+    metrics, curves, nearest = [], [], []
     for query, label in enumerate(queries):
         rows = [row for row in range(len(gallery)) if own is None or row != own[query]]
         rows.sort(key=lambda row: (distances[query, row], row))
         nearest.append(rows[0])
         relevant = [gallery[row] == label for row in rows]
         if any(relevant):
-            figures.append((label, oracle_figures(relevant)))
+            metrics.append((label, oracle_metrics(relevant)))
             curves.append(oracle_precision(relevant))
-    return figures, curves, nearest
+    return metrics, curves, nearest
 
 
 @st.composite
 def trials(draw):
-    """Distances (few different ones, so that many are equal), classes, and whether each query is left out."""
+    """Distances (with few values, so that many are equal), classes, and the rows of queries that are left out."""
     gallery = draw(st.lists(st.sampled_from("abc"), min_size=2, max_size=70))
     rows = draw(st.lists(st.integers(0, len(gallery) - 1), min_size=1, max_size=9))
     left_out = draw(st.booleans())
@@ -193,11 +188,11 @@ def trials(draw):
 
 
 @given(trials())
-def test_every_figure_is_the_mean_of_its_definition(trial):
+def test_every_metric_is_the_mean_of_its_definition(trial):
     distances, queries, gallery, own = trial
-    figures, curves, nearest = oracle(*trial)
+    metrics, curves, nearest = oracle(*trial)
     given_own = None if own is None else np.array(own)
-    if own is not None and not figures:
+    if own is not None and not metrics:
         with pytest.raises(ParameterError, match="two members"):
             evaluate(distances, queries, gallery, own=given_own)
         return
@@ -205,13 +200,13 @@ def test_every_figure_is_the_mean_of_its_definition(trial):
     assert found.nearest.tolist() == nearest
     right = [gallery[row] == label for row, label in zip(nearest, queries, strict=True)]
     assert found.accuracy == pytest.approx(np.mean(right))
-    if figures:
-        assert list(vars(found.figures).values()) == pytest.approx(np.mean([row for _, row in figures], axis=0))
+    if metrics:
+        assert list(vars(found.metrics).values()) == pytest.approx(np.mean([row for _, row in metrics], axis=0))
     else:
-        assert found.figures is None
+        assert found.metrics is None
     for row in found.classes:
-        own_rows = [values for label, values in figures if label == row.label]
-        told = None if row.figures is None else list(vars(row.figures).values())
+        own_rows = [values for label, values in metrics if label == row.label]
+        told = None if row.metrics is None else list(vars(row.metrics).values())
         assert told == (pytest.approx(np.mean(own_rows, axis=0)) if own_rows else None)
         assert (row.queries, row.members) == (queries.count(row.label), gallery.count(row.label))
     levels = [level for level in range(1, 21) if any(level in curve for curve in curves)]
@@ -224,7 +219,7 @@ def test_every_figure_is_the_mean_of_its_definition(trial):
 
 
 @given(trials(), st.integers(0, 100))
-def test_figures_depend_on_the_order_of_distances_only_and_not_on_that_of_queries(trial, seed):
+def test_metrics_depend_on_the_order_of_distances_only_and_not_on_that_of_queries(trial, seed):
     distances, queries, gallery, _ = trial
     order = np.random.default_rng(seed).permutation(len(queries))
     one = evaluate(distances, queries, gallery)
@@ -242,7 +237,7 @@ def approximately(value):
 
 
 def test_parts_of_many_queries_average_to_the_whole():
-    # One class has so many members that its rows are ranked in several blocks, and other ones for each part.
+    # The rows of the large class are ranked in several blocks, which differ between the whole and the parts.
     random = np.random.default_rng(5)
     labels = ["a"] * 1700 + ["b"] * 100
     points = random.normal(size=(1800, 2)) + np.repeat([[0.0], [0.5]], [1700, 100], axis=0)
@@ -250,9 +245,9 @@ def test_parts_of_many_queries_average_to_the_whole():
     rows = np.arange(1800)
     whole = evaluate(distances, labels, labels, own=rows)
     parts = [evaluate(distances[part], labels_of(part), labels, own=part) for part in np.split(rows, [37, 1111])]
-    for name in FIGURES:
-        mean = np.average([getattr(part.figures, name) for part in parts], weights=[37, 1074, 689])
-        assert getattr(whole.figures, name) == pytest.approx(mean)
+    for name in METRICS:
+        mean = np.average([getattr(part.metrics, name) for part in parts], weights=[37, 1074, 689])
+        assert getattr(whole.metrics, name) == pytest.approx(mean)
     assert sum(part.confusion for part in parts).tolist() == whole.confusion.tolist()
 
 
@@ -260,7 +255,7 @@ def labels_of(rows):
     return ["a" if row < 1700 else "b" for row in rows]
 
 
-def test_the_distance_of_a_query_to_itself_is_not_looked_at():
+def test_the_distance_of_a_query_to_itself_is_ignored():
     labels = ["a", "a", "b", "b"]
     distances = separate(labels)
     expected = leave_one_out(distances, labels)
@@ -270,7 +265,7 @@ def test_the_distance_of_a_query_to_itself_is_not_looked_at():
 
 
 def test_queries_of_a_class_are_ranked_together():
-    # 480 shapes in 30 classes, as SHREC'11 has them. A loop over queries takes about as long as one after the other.
+    # 480 shapes in 30 classes, as SHREC'11 has them. A loop over queries would take as long as single queries do.
     labels = [f"class {row % 30}" for row in range(480)]
     points = np.random.default_rng(0).normal(size=(480, 5))
     distances = np.linalg.norm(points[:, None] - points, axis=2)
@@ -285,7 +280,7 @@ def test_queries_of_a_class_are_ranked_together():
     assert together < 480 * alone / 3
 
 
-# --- what is refused
+# --- errors
 
 
 def test_evaluation_needs_a_class_of_two_and_matching_labels():

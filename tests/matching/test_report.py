@@ -1,4 +1,4 @@
-"""The evaluation's page, read as a browser reads it."""
+"""The report of an evaluation, parsed as a browser does."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REASON = '"]]></style><img src=x onerror=alert(3)>'
 
 
 class Page(HTMLParser):
-    """Elements in their order, each with its attributes and all the text inside it."""
+    """The elements of a page in order, each with its attributes and all the text inside it."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -56,7 +56,7 @@ class Page(HTMLParser):
 
 
 def made(*, left_out: bool = True, **others: object) -> Report:
-    """Three classes, one of them hostile, of which the first measure confuses some and the second none."""
+    """A report of three classes, one with a hostile name. The first measure confuses two classes, the second none."""
     labels = ["cat"] * 3 + [CLASS] * 3 + ["ant"] * 2
     places = np.array([0.0, 1.0, 5.1, 5.0, 8.0, 8.5, 20.0, 21.0])
     codes = np.array([0, 0, 0, 1, 1, 1, 2, 2])
@@ -121,7 +121,7 @@ def rows(page: Page, caption: str) -> list[list[str]]:
     return found
 
 
-# --- one file, safe to open
+# --- safety
 
 
 def test_the_page_loads_nothing_and_runs_nothing(text, page):
@@ -144,28 +144,28 @@ def test_names_of_files_and_classes_are_text_whatever_they_say(text, page):
     assert any(CLASS in title for title in page.texts("title")[1:])
 
 
-# --- what it tells
+# --- content
 
 
 def test_the_head_tells_what_was_measured_when_and_by_which_version(text, page):
     head = page.texts("header")[0]
-    assert "each of 8 shapes was looked for among all the others" in head
+    assert "each of 8 shapes was a query against all the others" in head
     assert "3 classes" in head
     assert "1 file could not be used" in head
     assert "unbend 9.8.7 on 2003-10-01" in head
-    assert rows(page, "What the signatures")[1:] == [["samples", "300"], ["max_vertices", "none"], ["folder", HOSTILE]]
+    assert rows(page, "The settings of")[1:] == [["samples", "300"], ["max_vertices", "none"], ["folder", HOSTILE]]
     assert rows(page, "1 file")[1:] == [[HOSTILE + "2", REASON]]
     clean = render(made(failures=[]))
     assert "Every file could be used." in clean
     assert 'id="failures"' not in clean
 
 
-def test_the_headline_has_the_figures_of_every_measure(page):
+def test_the_headline_has_the_metrics_of_every_measure(page):
     table = rows(page, "Means over all queries")
     assert table[0] == ["Measure", "NN", "FT", "ST", "E", "DCG", "mAP", "Wrong answers"]
     report = made()
     for row, (name, found) in zip(table[1:], report.evaluations.items(), strict=True):
-        assert row[:-1] == [name, *(f"{value:.3f}" for value in vars(found.figures).values())]
+        assert row[:-1] == [name, *(f"{value:.3f}" for value in vars(found.metrics).values())]
     assert [row[-1] for row in table[1:]] == ["2 of 8", "0 of 8"]
 
 
@@ -210,7 +210,7 @@ def test_the_plot_has_a_line_for_every_measure_and_its_points_are_the_curves(tex
         assert curve.find(".//text").text == name
         points = np.array([point.split(",") for point in line.split()], float)
         expected = found.precision_recall
-        # the drawing turned back into precision and recall, by the lines of its grid at 0 and 1
+        # convert the coordinates back to precision and recall by the grid lines at 0 and 1
         grid = [tuple(map(float, re.findall(r"[\d.]+", path.get("d")))) for path in drawing.findall("g/path")[:6]]
         (left, bottom), (right, top) = ((lines[0], lines[1]) for lines in (grid[0], (grid[0][2], grid[5][1])))
         np.testing.assert_allclose((points[:, 0] - left) / (right - left), expected.recall, atol=1e-3)
@@ -231,9 +231,9 @@ def test_the_numbers_of_the_plot_are_a_table_too(page):
         assert row == [f"{recall:.2f}", *(f"{value:.3f}" for value in precision)]
 
 
-def test_against_a_gallery_the_page_has_accuracies_and_what_has_no_figures_is_a_dash():
+def test_against_a_gallery_the_page_has_accuracies_and_missing_metrics_are_dashes():
     page = Page(render(made(left_out=False)))
-    assert "5 queries were looked for among 4 other shapes" in page.texts("header")[0]
+    assert "5 queries were compared with 4 other shapes" in page.texts("header")[0]
     table = rows(page, "Means over all queries")
     found = next(iter(made(left_out=False).evaluations.values()))
     assert table[0][1] == "Accuracy"
@@ -253,7 +253,7 @@ def test_very_many_long_names_are_cut_in_the_drawing_and_whole_in_its_titles():
     assert max(widths) < 60 * 30 + 250
 
 
-# --- for everybody
+# --- accessibility
 
 
 def test_tables_and_drawings_can_be_read_without_seeing_them(text, page):
@@ -276,7 +276,7 @@ def colours(style: str) -> dict[str, str]:
 
 
 def contrast(one: str, other: str) -> float:
-    """As WCAG 2 has it, 1 to 21."""
+    """The contrast ratio of WCAG 2, 1 to 21."""
 
     def luminance(colour: str) -> float:
         parts = np.array([int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)])

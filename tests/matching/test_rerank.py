@@ -1,4 +1,4 @@
-"""A short list compared anew."""
+"""Reranking of a short list."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def test_distances_are_those_of_the_measure_whatever_the_threads(measure, thread
     np.testing.assert_array_equal(found, [measure.distance(query, candidate) for candidate in candidates])
 
 
-def test_the_bent_ones_come_first():
+def test_bent_copies_come_first():
     query, *candidates = signatures()
     assert set(smallest(rerank(query, candidates, RIGID), 2).tolist()) == {2, 4}
 
 
-def test_a_query_among_its_candidates_is_at_no_distance():
+def test_a_query_among_its_candidates_is_at_distance_0():
     candidates = signatures()
     for row, query in enumerate(candidates):
         found = rerank(query, candidates, HAUSDORFF)

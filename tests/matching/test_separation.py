@@ -1,4 +1,4 @@
-"""How far classes are apart: by hand, and as the paper says of real bendings."""
+"""Separation of classes: computed by hand, and as the paper says of bent surfaces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from unbend.signature.dimensions import moments_over_dimensions
 def test_clusters_by_hand():
     places = np.array([[0.0], [1.0], [10.0], [12.0], [2.5]])
     found = clusters(cdist(places, places), ["a", "a", "b", "b", "b"])
-    # of the last, at 2.5, the nearest is of the other class
+    # the shape nearest to the last one, at 2.5, is of the other class
     assert found.nearest == pytest.approx(4 / 5)
     within = (1 * 2 + 2 * 2 + 7.5 * 2 + 9.5 * 2) / 8
     between = np.mean([10, 12, 2.5, 9, 11, 1.5])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesh_cases import AREAS, CASES, REFUSED, TOLD, surface_area_of
+from tests.support.mesh_cases import AREAS, CASES, REFUSED, TOLD, surface_area_of
 from unbend import read_mesh
 from unbend.errors import MeshFormatError
 from unbend.mesh.formats.detect import detect_format

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from server import ply, two_rings
+from tests.support.server import ply, two_rings
 from unbend import MeshPolicy, Surface, read_mesh
 from unbend.errors import ParameterError
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex

@@ -9,7 +9,7 @@ import zipfile
 
 import pytest
 
-from fuzzing import FORMATS, seeds
+from tests.support.fuzzing import FORMATS, seeds
 from unbend.errors import MeshFormatError
 from unbend.mesh.formats import FORMATS as NAMES
 from unbend.mesh.formats.detect import detect_format

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fuzzing import FORMATS, file_name, mutant, seeds
+from tests.support.fuzzing import FORMATS, file_name, mutant, seeds
 from unbend import read_mesh
 from unbend.errors import MeshError
 from unbend.mesh.limits import MeshLimits

@@ -8,7 +8,7 @@ import struct
 import numpy as np
 import pytest
 
-from fuzzing import glb, triangle_layout
+from tests.support.fuzzing import glb, triangle_layout
 from unbend.errors import MeshError, MeshFormatError, MeshReadError
 from unbend.mesh.formats.parsed import ParsedMesh
 from unbend.mesh.formats.registry import REGISTRY

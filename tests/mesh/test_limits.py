@@ -9,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from fuzzing import glb, triangle_layout
+from tests.support.fuzzing import glb, triangle_layout
 from unbend import MeshPolicy, read_mesh
 from unbend.api import Settings
 from unbend.errors import MeshError, MeshFormatError, MeshReadError, MeshTooLargeError

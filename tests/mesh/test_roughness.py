@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from defects import defective
+from tests.support.defects import defective
 from unbend import MeshPolicy, Surface, read_mesh
 from unbend.errors import MeshError
 from unbend.mesh.repair import repair

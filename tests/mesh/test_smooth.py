@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from defects import defective
+from tests.support.defects import defective
 from unbend import MeshPolicy, Surface, geodesic_distances, read_mesh
 from unbend.errors import MeshError, MeshGeometryError
 from unbend.mesh.repair import repair

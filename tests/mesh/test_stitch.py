@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from defects import check_places, defective
+from tests.support.defects import check_places, defective
 from unbend import MeshPolicy, Surface, geodesic_distances, read_mesh
 from unbend.errors import MeshError
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex

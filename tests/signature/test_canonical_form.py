@@ -1,4 +1,4 @@
-"""The form of every vertex: that of the signature at its samples, and no worse between them."""
+"""The canonical form: equal to the signature at its samples, and as accurate between them."""
 
 from __future__ import annotations
 

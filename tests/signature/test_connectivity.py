@@ -1,4 +1,4 @@
-"""The signature surface's triangles: the surface's topology, kept by collapses."""
+"""The signature surface's triangles: collapses keep the surface's topology."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def connect_samples(surface: Surface, samples: np.ndarray) -> np.ndarray:
 
 
 def topology(surface: Surface) -> dict[str, int]:
-    """Euler characteristic, and what `Census` counts, of which the number of boundary edges may fall."""
+    """Euler characteristic and the counts of `Census`, without the number of boundary edges, which may fall."""
     used, edges = surface.used_vertices, surface.edges
     census = take_census(surface)
     return {
@@ -40,7 +40,7 @@ def topology(surface: Surface) -> dict[str, int]:
 
 
 def moebius(columns: int = 60, rows: int = 8) -> Surface:
-    """A Moebius strip, whose faces cannot all be oriented alike: along one line they are not."""
+    """A Moebius strip, which is not orientable: its faces disagree along one line."""
     turn, across = np.meshgrid(np.arange(columns) * 2 * np.pi / columns, np.linspace(-0.4, 0.4, rows), indexing="ij")
     radius = 1 + across * np.cos(turn / 2)
     vertices = np.stack([radius * np.cos(turn), radius * np.sin(turn), across * np.sin(turn / 2)], axis=-1)
@@ -134,7 +134,7 @@ def soup(seed: int, vertices: int, faces: int) -> Surface:
 
 
 def well_formed(faces: np.ndarray, count: int) -> bool:
-    """Samples, three different ones in each triangle, and no triangle twice."""
+    """Check that each triangle has three different samples, and that no triangle occurs twice."""
     rows = np.sort(faces, axis=1)
     return bool(
         faces.dtype == np.int32
@@ -184,7 +184,7 @@ def test_topology_is_kept_whatever_way_faces_run_round(seed, count):
 
 @pytest.mark.parametrize("tops", [1, 2])
 def test_sheets_that_meet_keep_their_seam(tops):
-    """Half planes that share an edge line: the line stays one of as many faces, whatever moves along it."""
+    """Half planes that share a line: after any collapse its edges have the same number of faces."""
     grid = sheet(columns=20, rows=10)
     rows = grid.vertices[:, 1]
     seam = np.flatnonzero(rows == rows.min())

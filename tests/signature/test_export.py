@@ -1,4 +1,4 @@
-"""Exports: what cannot be shown as a place is shown as a colour, and can be got back."""
+"""Exports: further dimensions are colours, from which they can be restored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def signature_in(dimensions: int):
 
 
 def colours_in(data: bytes, file_type: str) -> np.ndarray | None:
-    """Vertex colours as a file has them, 0 to 1, or None."""
+    """Vertex colours of a file, 0 to 1, or None."""
     if file_type == "off":  # trimesh reads the places only
         lines = data.decode().splitlines()
         if lines[0] == "OFF":

@@ -1,4 +1,4 @@
-"""Flattening: isometric where that is possible, and honest where it is not."""
+"""Flattening: isometric where possible, and correct measures of distortion elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters: a frozen, hashable value that survives JSON."""
+"""Parameters: a frozen, hashable value that survives a round trip through JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signatures: the same for isometric surfaces, whatever their pose, labels and scale."""
+"""Signatures: equal for isometric surfaces, independent of pose, labels and scale."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from unbend.descriptors.moments import moments
 from unbend.descriptors.quadrature import surface_quadrature
 from unbend.errors import MeshGeometryError, ParameterError
 from unbend.mesh.shapes import cylinder, ellipsoid, helicoid_catenoid, s_bend, sheet, sphere, spiral, tetrahedron, torus
+from unbend.progress import STAGES, Progress
 from unbend.signature.export import export_signature
 
 BENDINGS = {"cylinder": cylinder, "s": s_bend, "spiral": spiral}
@@ -93,7 +94,7 @@ FAMILIES = {
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_isometric_surfaces_differ_no_more_than_twice_what_the_mesh_costs(family):
-    """As `benchmarks/isometric.py`: the mesh costs what a surface is from itself on a mesh of half the edge length."""
+    """As in `benchmarks/embedding/isometric.py`: compared with a surface and its finer mesh."""
     signatures = [[compute_signature(bending(k)) for bending in FAMILIES[family]] for k in (1, 2, 4)]
     for coarse, fine in itertools.pairwise(signatures):
         for measure in ("spectrum", "combined", "moments", "distribution", "rigid", "hausdorff"):
@@ -113,7 +114,7 @@ def test_rotation_reflection_scale_and_labels_change_nothing(rotation, seed, fac
     moved = Surface(vertices[order] * ([1, 1, -1] if mirrored else 1), faces[:, ::-1] if mirrored else faces)
     a, b = compute_signature(surface), compute_signature(moved)
     for measure in ("spectrum", "moments", "distribution", "surface_moments"):
-        # Symmetric surfaces leave SMACOF a choice of equally good forms; it stops within its tolerance of them.
+        # Symmetric surfaces have several equally good forms; SMACOF stops within its tolerance of one.
         assert compare(a, b, measure) < 1e-3 * np.abs(a.descriptors[measure]).sum(), measure
     assert b.scale == pytest.approx(factor * a.scale)
     assert b.stress == pytest.approx(a.stress, rel=5e-3)
@@ -190,7 +191,7 @@ def test_two_components_are_an_error_for_the_pipeline_and_repaired_by_reading():
     lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 5 0 0", "v 6 0 0", "v 5 3 0", "f 1 2 3", "f 4 5 6"]
     surface = read_mesh("\n".join(lines).encode())
     assert set(compute_signature(surface).samples.tolist()) == {3, 4, 5}
-    with pytest.raises(MeshGeometryError, match="hang together"):
+    with pytest.raises(MeshGeometryError, match="not connected"):
         compute_signature(Surface(surface.vertices, [[0, 1, 2], [3, 4, 5]]))
 
 
@@ -200,24 +201,20 @@ def test_a_surface_without_area_is_refused():
 
 
 def test_progress_names_the_stages_and_only_grows():
-    seen: list[tuple[str, float]] = []
-    compute_signature(torus(), Parameters(samples=100), progress=lambda stage, share: seen.append((stage, share)))
-    stages = list(dict.fromkeys(stage for stage, _ in seen))
-    shares = [share for _, share in seen]
+    seen: list[Progress] = []
+    compute_signature(torus(), Parameters(samples=100), progress=seen.append)
+    stages = list(dict.fromkeys(progress.stage for progress in seen))
+    shares = [progress.share for progress in seen]
     assert stages == ["sampling", "geodesics", "embedding", "describing"]
     assert shares == sorted(shares)
     assert 0 <= shares[0] < shares[-1] <= 1
-    assert sum(stage == "geodesics" for stage, _ in seen) > 5
+    assert sum(progress.stage == "geodesics" for progress in seen) > 5
 
 
 def test_progress_tells_samples_rows_iterations_and_their_stress():
-    seen: list[tuple[str, dict[str, float]]] = []
-    signature = compute_signature(
-        torus(), Parameters(samples=100), progress=lambda stage, _: seen.append((stage, stage.detail))
-    )
-    told = {
-        name: [detail for stage, detail in seen if stage == name] for name in ("sampling", "geodesics", "embedding")
-    }
+    seen: list[Progress] = []
+    signature = compute_signature(torus(), Parameters(samples=100), progress=seen.append)
+    told = {stage: [progress.detail for progress in seen if progress.stage == stage] for stage in STAGES}
     assert told["sampling"][0] == {"sample": 0, "samples": 100}
     assert told["sampling"][-1] == {"sample": 100, "samples": 100}
     assert told["geodesics"][-1] == {"row": 100, "rows": 100}
@@ -230,11 +227,9 @@ def test_progress_tells_samples_rows_iterations_and_their_stress():
 
 def test_samples_are_doubled_until_the_spectrum_stays():
     surface = ellipsoid((1.0, 0.75, 0.5), subdivisions=4)  # 2562 vertices
-    seen: list[float] = []
+    reports: list[Progress] = []
     rough, fine = (
-        compute_signature(
-            surface, Parameters(samples="auto", tolerance=tolerance), progress=lambda _, share: seen.append(share)
-        )
+        compute_signature(surface, Parameters(samples="auto", tolerance=tolerance), progress=reports.append)
         for tolerance in (0.05, 0.01)
     )
     assert len(rough.points) < len(fine.points)
@@ -244,6 +239,7 @@ def test_samples_are_doubled_until_the_spectrum_stays():
         moved = np.abs(found.spectrum - half.spectrum).sum() / np.abs(found.spectrum).sum()
         assert moved <= tolerance
         np.testing.assert_array_equal(found.spectrum, compute_signature(surface, Parameters(samples=count)).spectrum)
+    seen = [progress.share for progress in reports]
     halfway = seen.index(max(seen[: len(seen) // 3]))
     assert seen[:halfway] == sorted(seen[:halfway])
     assert max(seen) < 1

@@ -1,6 +1,6 @@
-"""The HTTP face: FastAPI over the job runner and the library."""
+"""The HTTP API: FastAPI over the job runner and the library."""
 
 from unbend.api.app import create_app
-from unbend.api.settings import Settings
+from unbend.api.server.settings import Settings
 
 __all__ = ["Settings", "create_app"]

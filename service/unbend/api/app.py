@@ -1,4 +1,4 @@
-"""Putting the service together."""
+"""The ASGI application: its parts put together."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from fastapi_offline import FastAPIOffline
 from starlette.middleware.cors import CORSMiddleware
 
 from unbend import __version__
-from unbend.api import problems
-from unbend.api.access import Access
-from unbend.api.audit import Audit
-from unbend.api.backups import ScheduledBackups
-from unbend.api.budget import AnswerBudget
-from unbend.api.compression import Compression
-from unbend.api.headers import SecurityHeaders
-from unbend.api.limits import BodyLimit, Framing
-from unbend.api.methods import Methods
-from unbend.api.metrics import Metrics
-from unbend.api.openapi import install_schema
-from unbend.api.prefix import ASSETS, Prefix
-from unbend.api.requests import PREFIX, Requests
+from unbend.api.context import API_PREFIX
+from unbend.api.middleware.access import Access
+from unbend.api.middleware.audit import Audit
+from unbend.api.middleware.body_limits import BodyLimit, Framing
+from unbend.api.middleware.compression import Compression
+from unbend.api.middleware.methods import Methods
+from unbend.api.middleware.prefix import ASSETS, Prefix
+from unbend.api.middleware.requests import Requests
+from unbend.api.middleware.response_budget import ResponseBudget
+from unbend.api.middleware.security_headers import SecurityHeaders
 from unbend.api.routes import backups, health, jobs, overview, queries, shapes
-from unbend.api.service import Service
-from unbend.api.settings import Settings
-from unbend.api.strictness import no_other_parameters
-from unbend.api.waits import Waits
-from unbend.api.webhooks import Webhooks
+from unbend.api.routes.unknown_fields import no_other_parameters
+from unbend.api.schema import problems
+from unbend.api.schema.openapi import install_schema
+from unbend.api.server.metrics import Metrics
+from unbend.api.server.scheduled_backups import ScheduledBackups
+from unbend.api.server.service import Service
+from unbend.api.server.settings import Settings
+from unbend.api.server.wait_limit import WaitLimit
+from unbend.api.server.webhooks import Webhooks
 from unbend.jobs import JobRunner
 from unbend.jobs.observer import Observers
 from unbend.library import Library
-from unbend.library.lease import Lease
+from unbend.library.storage.lease import Lease
 
 if TYPE_CHECKING:
-    from unbend.api.traces import Traces
+    from unbend.api.server.traces import Traces
 
 _DESCRIPTION = """Recognise shapes however they bend.
 
@@ -50,16 +51,14 @@ Ask `POST /v1/queries` what a mesh is and which stored shapes are like it, whate
 def create_app(settings: Settings | None = None, lease: Lease | None = None) -> FastAPI:
     """Return the service as an ASGI application.
 
-    The library is opened, and workers started, when the application starts up. /docs and /redoc need nothing
-    from elsewhere.
+    At startup it opens the library and starts the workers. /docs and /redoc load nothing from other servers.
 
     Parameters
     ----------
     settings : Settings, optional
         From the environment by default.
     lease : Lease, optional
-        On the settings' library; taken when the application starts up by default. StoreInUseError is raised there if
-        another server has it.
+        The lease of the library; by default acquired at startup, which raises StoreInUseError if another server has it.
     """
     chosen = settings or Settings()
     metrics = Metrics()
@@ -70,11 +69,12 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         held = lease or Lease(chosen.library)
         library = Library(chosen.library)
-        library.store.reserve(chosen.reserve_bytes)
+        if library.disk:
+            library.disk.reserve(chosen.reserve_bytes)
         runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
-        app.state.service = Service(chosen, library, runner, metrics, Waits(chosen.max_waiting))
+        app.state.service = Service(chosen, library, runner, metrics, WaitLimit(chosen.max_waiting))
         scheduled = ScheduledBackups(library, chosen.backup_plan, metrics) if chosen.backup_plan else None
-        webhooks = Webhooks(library, runner, chosen.webhook_plan) if chosen.webhook_plan else None
+        webhooks = Webhooks(library.jobs, chosen.webhook_plan) if chosen.webhook_plan else None
         await runner.start()
         aside = [each for each in (scheduled, webhooks) if each]
         for each in aside:
@@ -95,7 +95,7 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
     )  # fmt: skip
     for room in (shapes, jobs, queries, overview, backups, health):
-        app.include_router(room.router, prefix=PREFIX, dependencies=[Depends(no_other_parameters)])
+        app.include_router(room.router, prefix=API_PREFIX, dependencies=[Depends(no_other_parameters)])
     app.add_api_route("/", _to_docs, include_in_schema=False)
     _add_middleware(app, chosen, metrics, traces)
     problems.install(app)
@@ -104,10 +104,10 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
 
 
 def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: Traces | None) -> None:
-    """Put the layers on, the innermost first: who may not call has no byte of a body read."""
+    """Add middleware, the innermost first. Access control comes before any byte of a body is read."""
     app.add_middleware(Methods)
     app.add_middleware(Compression)
-    app.add_middleware(AnswerBudget, together=settings.max_answering_mb * 2**20)
+    app.add_middleware(ResponseBudget, together=settings.max_answering_mb * 2**20)
     app.add_middleware(BodyLimit, limits=settings.body_limits)
     app.add_middleware(Access, settings=settings)
     app.add_middleware(Framing)
@@ -122,7 +122,7 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
     app.add_middleware(Audit)
     app.add_middleware(SecurityHeaders)
     if traces:
-        from unbend.api.traces import TracedRequests  # noqa: PLC0415
+        from unbend.api.server.traces import TracedRequests  # noqa: PLC0415
 
         app.add_middleware(TracedRequests, traces=traces)
     app.add_middleware(Requests, metrics=metrics)
@@ -133,7 +133,7 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
 def _open_traces(endpoint: str) -> Traces | None:
     if not endpoint:
         return None
-    from unbend.api.traces import Traces  # noqa: PLC0415  packages of an extra
+    from unbend.api.server.traces import Traces  # noqa: PLC0415  packages of an extra
 
     return Traces(endpoint)
 

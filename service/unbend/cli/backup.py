@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from unbend.cli.options import library_option
+from unbend.names import DEFAULT_LIBRARY
 
 force_option = click.option("--force", is_flag=True, help="Replace what is there.")
 
@@ -19,17 +20,17 @@ force_option = click.option("--force", is_flag=True, help="Replace what is there
 def backup(destination: Path, library: str | None, force: bool, only: bool) -> None:
     """Copy a library, which may be in use, into the file DEST.
 
-    The copy is one state of the library, checked, and there whole or not at all. It has everything: files, API keys (as
-    hashes), and jobs. The check reads every file, signature and document.
+    DEST is one checked state of the library, and appears complete or not at all. It contains everything: files, hashes
+    of API keys, and jobs. The check reads every file, signature and document.
     """
-    from unbend.library.backup import backup as make  # noqa: PLC0415
-    from unbend.library.backup import verify  # noqa: PLC0415
+    from unbend.library.backups.backup import backup as make  # noqa: PLC0415
+    from unbend.library.backups.backup import verify  # noqa: PLC0415
 
     if only:
         found = verify(destination)
         click.echo(f"{destination}: {found.shapes} shapes, {found.size} bytes, schema {found.revision}, sound")
         return
-    made = make(library or "unbend.db", destination, overwrite=force)
+    made = make(library or DEFAULT_LIBRARY, destination, overwrite=force)
     click.echo(f"{made.path}: {made.shapes} shapes, {made.size} bytes, checked")
 
 
@@ -38,12 +39,12 @@ def backup(destination: Path, library: str | None, force: bool, only: bool) -> N
 @library_option
 @force_option
 def restore(source: Path, library: str | None, force: bool) -> None:
-    """Put the backup SOURCE in the place of a library, which may be in use.
+    """Replace a library, which may be in use, by the backup SOURCE.
 
-    SOURCE is checked first. The library's own API keys stay, if it ever had any. Where a library is there already,
-    everything else in it is lost, and --force is needed.
+    SOURCE is checked first. A library that ever had API keys keeps them. Replacing an existing library needs --force,
+    and loses everything else in it.
     """
-    from unbend.library.backup import restore as put  # noqa: PLC0415
+    from unbend.library.backups.backup import restore as put  # noqa: PLC0415
 
-    made = put(source, library or "unbend.db", overwrite=force)
+    made = put(source, library or DEFAULT_LIBRARY, overwrite=force)
     click.echo(f"{made.path}: {made.shapes} shapes, as in {source}")

@@ -1,4 +1,4 @@
-"""Signatures of files: of one, or of many on all cores."""
+"""Signatures of one file, or of many files on all cores."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Computed:
-    """A file, its class, and its signature or why there is none."""
+    """A file, its class, and its signature or its error."""
 
     file: LabelledFile
     signature: Signature | None
@@ -29,7 +29,7 @@ class Computed:
 
 
 def read_file(mesh: Path, policy: Values) -> Surface:
-    """Return the surface of the mesh at `mesh`; what reading it found goes to standard error."""
+    """Return the surface of a mesh file; print notes and warnings on standard error."""
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
 
     surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy))
@@ -40,19 +40,19 @@ def read_file(mesh: Path, policy: Values) -> Surface:
 
 
 def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
-    """Return the signature of the mesh at `mesh`; print its warnings on standard error."""
-    from unbend.mesh.read import read_mesh  # noqa: PLC0415
+    """Return the signature of a mesh file; print notes and warnings on standard error."""
+    from unbend.signature.from_file import signature_of_file  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
-    from unbend.signature.pipeline import compute_signature  # noqa: PLC0415
 
-    chosen = Parameters.from_dict(parameters)
-    found = compute_signature(read_mesh(mesh, policy=MeshPolicy.from_dict(policy)), chosen)
-    warn_of(mesh.name, found.warnings)
-    return found
+    found = signature_of_file(mesh, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy))
+    for note in found.surface.report.notes:
+        warn(f"{mesh.name}: {note}")
+    warn_of(mesh.name, found.signature.warnings)
+    return found.signature
 
 
 def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> list[Computed]:
-    """Return the signatures of `files` in their order; a file that fails is reported and does not stop the rest."""
+    """Return the signatures of `files` in their order; errors are printed, and do not stop the rest."""
     with progress(_computed(files, parameters, policy), "computing signatures", len(files)) as bar:
         results = list(bar)
     for result in results:
@@ -79,7 +79,7 @@ def _computed(files: Sequence[LabelledFile], parameters: Values, policy: Values)
 def dimensions_of(
     files: Sequence[LabelledFile], parameters: Values, policy: Values
 ) -> dict[Path, dict[Method, Floats]]:
-    """Return the moments in 1 to 6 dimensions of each of `files` by its path; those that fail are left out."""
+    """Return the moments in 1 to 6 dimensions by path; files with errors are left out."""
     from unbend.jobs.batch import compute_each, dimensions_of_path  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 

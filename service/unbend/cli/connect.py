@@ -1,4 +1,4 @@
-"""Connecting to a running service."""
+"""Connections to a running service."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from unbend.client import Client
 
 KEY_VARIABLE: Final = "UNBEND_API_KEY"
-"""Of the environment: an option would show the key to everyone who lists this machine's processes."""
+"""The environment variable of the API key: an option would show it in the list of processes."""
 
 
 def connect(url: str) -> Client:
-    """Return a client of the service at `url`, with the key of the environment if there is one."""
+    """Return a client of the service at `url`, with the API key of the environment."""
     from unbend.client import Client  # noqa: PLC0415
 
     return Client(url, os.environ.get(KEY_VARIABLE) or None)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from unbend.cli.options import library_option, progress
+from unbend.names import DEFAULT_LIBRARY
 
 
 @click.command()
@@ -20,8 +21,8 @@ from unbend.cli.options import library_option, progress
 )
 def demo(library: str | None, folder: Path | None) -> None:
     """Fill a library with generated bent shapes: sheets, tubes, animals, hands, each in several poses."""
-    count = _write(folder) if folder else _store(library or "unbend.db")
-    click.echo(f"{count} demo shapes in {folder or library or 'unbend.db'}")
+    count = _write(folder) if folder else _store(library or DEFAULT_LIBRARY)
+    click.echo(f"{count} demo shapes in {folder or library or DEFAULT_LIBRARY}")
 
 
 def _store(url: str) -> int:

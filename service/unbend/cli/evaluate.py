@@ -30,16 +30,16 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
 @folder_argument
 @click.option("--labels", required=True, type=_CSV, help="CSV with the columns path (relative to DIR) and class.")
 @click.option("--measure", "measures", multiple=True, help="Only this measure; may be repeated. All by default.")
-@click.option("--gallery", type=_CSV, help="A second CSV, of the shapes that --labels' are compared with.")
+@click.option("--gallery", type=_CSV, help="A second CSV with the shapes that those of --labels are compared with.")
 @json_option
-@click.option("--per-class", is_flag=True, help="Add each class' figures; with --json confusions and curves, too.")
+@click.option("--per-class", is_flag=True, help="Add metrics of each class; with --json also confusions and curves.")
 @click.option(
     "--separation",
     "separated",
     is_flag=True,
-    help="Add how far classes are apart: in each measure, and over 1 to 6 dimensions; computes each shape again.",
+    help="Add the separation of classes in each measure, and in 1 to 6 dimensions; computes each shape again.",
 )
-@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots: one file, to be read offline.")
+@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots, in one file for offline use.")
 @parameter_options
 @policy_options
 def evaluate(
@@ -56,9 +56,9 @@ def evaluate(
 ) -> None:
     """Measure retrieval on the labelled shapes of DIR.
 
-    Leave-one-out by default: every shape is a query against all others. With --gallery: how often the nearest
-    class among the gallery's shapes is the right one. Files that cannot be used are named on standard error;
-    as queries against a gallery they count as wrong.
+    By default every shape is a query against all others (leave-one-out). With --gallery, the result is the share of
+    shapes whose nearest class in the gallery is right. Unusable files are named on standard error; as queries against
+    a gallery they count as wrong.
     """
     from unbend.cli.computing import compute_files  # noqa: PLC0415
     from unbend.cli.folder import read_labels  # noqa: PLC0415
@@ -79,7 +79,7 @@ def evaluate(
         given = {"folder": folder, "labels": labels, "gallery": gallery}
         maps = {measure.name: _map(measure, found) for measure in chosen}
         page = _page(evaluations, maps, apart, (found, held), folder, given | _settings(parameters, policy))
-        html.write_text(page, encoding="utf-8", errors="backslashreplace")  # a file's name may be no UTF-8
+        html.write_text(page, encoding="utf-8", errors="backslashreplace")  # file names may not be UTF-8
     if as_json:
         told = {
             name: result.as_dict() if per_class else _figures(result, held is None)
@@ -128,13 +128,13 @@ def _evaluation(measure: VectorMeasure, queries: Sequence[Computed], gallery: Se
 
 
 def _vectors(measure: VectorMeasure, computed: Sequence[Computed]) -> tuple[list[Any], list[str]]:
-    """Return the vectors and classes of the files that could be used."""
+    """Return the vectors and classes of the usable files."""
     usable = [(measure.vector(item.signature.descriptors), str(item.file.label)) for item in computed if item.signature]
     return [vector for vector, _ in usable], [label for _, label in usable]
 
 
 def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
-    """Return a place in the plane for each file that could be used."""
+    """Return a point in the plane for each usable file."""
     import numpy as np  # noqa: PLC0415
 
     from unbend.matching.class_map import class_map  # noqa: PLC0415
@@ -145,7 +145,7 @@ def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
 def _apart(
     measures: Sequence[VectorMeasure], computed: Sequence[Computed], parameters: Values, policy: Values
 ) -> tuple[dict[str, Clusters], Separation]:
-    """Return how far classes are apart in each measure, and over the number of dimensions."""
+    """Return the separation of classes in each measure, and over the number of dimensions."""
     import numpy as np  # noqa: PLC0415
 
     from unbend.cli.computing import dimensions_of  # noqa: PLC0415
@@ -197,7 +197,7 @@ def _page(
 
 
 def _settings(parameters: Values, policy: Values) -> Values:
-    """Return every parameter, those at their defaults too."""
+    """Return every parameter, including defaults."""
     from unbend.mesh.policy import MeshPolicy  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
     from unbend.signature.signature import ALGORITHM_VERSION  # noqa: PLC0415
@@ -207,13 +207,13 @@ def _settings(parameters: Values, policy: Values) -> Values:
 
 
 def _name(file: LabelledFile, folder: Path) -> str:
-    """Return the file's path as the CSV has it."""
+    """Return the path of a file as in the CSV."""
     return printable(str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path))
 
 
 def _figures(evaluation: Evaluation, left_out: bool) -> dict[str, float]:
-    if left_out and evaluation.figures:
-        return asdict(evaluation.figures)
+    if left_out and evaluation.metrics:
+        return asdict(evaluation.metrics)
     return {"accuracy": evaluation.accuracy}
 
 

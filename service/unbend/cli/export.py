@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from unbend.cli.options import library_option
-from unbend.names import printable
+from unbend.names import DEFAULT_LIBRARY, printable
 
 
 @click.command()
@@ -19,10 +19,10 @@ def export(folder: Path, library: str | None) -> None:
     `unbend import DIR --labels DIR/labels.csv` and `unbend evaluate` read it.
     """
     from unbend.library import Library  # noqa: PLC0415
-    from unbend.library.engine import must_be_there  # noqa: PLC0415
+    from unbend.library.storage.database import must_exist  # noqa: PLC0415
 
-    url = library or "unbend.db"
-    must_be_there(url)
+    url = library or DEFAULT_LIBRARY
+    must_exist(url)
     with Library(url) as opened:
         count = opened.export(folder)
     click.echo(f"{printable(str(folder))}: {count} shapes")

@@ -15,7 +15,7 @@ from unbend.names import MAX_TEXT, printable
 
 @dataclass(frozen=True)
 class LabelledFile:
-    """A mesh file, the class it belongs to, and what else `unbend export` wrote of it."""
+    """A mesh file, its class, and the other data that `unbend export` wrote."""
 
     path: Path
     label: str | None
@@ -26,17 +26,17 @@ class LabelledFile:
 
 
 def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
-    """Return the files of a labels.csv, whose paths are relative to `folder`. One without a class has no label.
+    """Return the files of a labels.csv, whose paths are relative to `folder`. A file without a class has no label.
 
-    Of the columns that `unbend export` writes, name, metadata, parameters and policy are read where they are there.
+    Of the columns that `unbend export` writes, name, metadata, parameters and policy are read if they exist.
 
-    A path may hold any bytes, because the names of files may: bytes that are not UTF-8 become surrogates.
+    A path may contain any bytes, because file names may: bytes that are not UTF-8 become surrogates.
 
     Raises
     ------
     ParameterError
         If the header lacks `path` or `class`, a row lacks a path, text is not UTF-8, an object is not JSON, or a file
-        is not there.
+        is missing.
     """
     try:
         with csv_path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
@@ -64,8 +64,8 @@ def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[Labell
     return [LabelledFile(path, _folder_name(path) if label_from_folder else None) for path in paths]
 
 
-def passed_over(folder: Path) -> list[Path]:
-    """Return the files below `folder` that `find_meshes` takes for no meshes, but for hidden ones."""
+def ignored_files(folder: Path) -> list[Path]:
+    """Return the files below `folder` that `find_meshes` ignores, except hidden ones."""
     endings = {f".{name}" for name in FORMATS}
     files = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     return sorted(path for path in files if path.suffix.lower() not in endings)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import click
 
 from unbend.cli.connect import connect
-from unbend.cli.folder import LabelledFile, find_meshes, passed_over, read_labels
+from unbend.cli.folder import LabelledFile, find_meshes, ignored_files, read_labels
 from unbend.cli.options import (
     Values,
     folder_argument,
@@ -26,7 +26,7 @@ from unbend.cli.options import (
 )
 from unbend.errors import MeshError, ParameterError, ServiceError, UnbendError
 from unbend.mesh.policy import MeshPolicy
-from unbend.names import printable
+from unbend.names import DEFAULT_LIBRARY, printable
 
 if TYPE_CHECKING:
     from unbend.client import Job
@@ -36,12 +36,12 @@ Outcome = Literal["new", "updated", "known"]
 EXIT_SOME_FAILED = 3
 LABELS = "labels.csv"
 _SAID: Final[dict[Outcome, str]] = {"updated": "changed as they were given", "known": "there already"}
-_AHEAD = 64  # uploads sent before the first is waited for, so that no worker is idle
+_AHEAD = 64  # uploads sent before waiting for the first, so that no worker is idle
 
 
 @dataclass(frozen=True)
 class _Ended:
-    """A file that was imported, or why it was not."""
+    """An imported file, or its error."""
 
     path: Path
     error: str = ""
@@ -69,10 +69,10 @@ def import_folder(
 ) -> None:
     """Add the meshes of DIR to a library, or to a running service.
 
-    With --labels, names, metadata, parameters and policies that `unbend export` wrote are taken too; options given here
-    count more. A shape that is there already takes what is given.
+    With --labels, names, metadata, parameters and policies from `unbend export` are imported too; options override
+    them. A shape that is stored already takes the new values.
 
-    Files that cannot be used are named on standard error; the exit status is then 3.
+    Unusable files are named on standard error; the exit status is then 3.
     """
     if labels and label_from:
         raise click.UsageError("--labels and --label-from exclude each other")
@@ -80,7 +80,7 @@ def import_folder(
     if url:
         outcomes = _over_http(url, files, parameters, policy)
     else:
-        outcomes = _into_library(library or "unbend.db", files, parameters, policy)
+        outcomes = _into_library(library or DEFAULT_LIBRARY, files, parameters, policy)
     with progress(outcomes, "importing", len(files)) as bar:
         ended = list(bar)
     for file in ended:
@@ -89,20 +89,20 @@ def import_folder(
         warn_of(file.path, file.warnings)
     _tell_of_twins(ended)
     if not labels:
-        _tell_of_others(folder)
+        _warn_of_ignored(folder)
     click.echo(_summary(ended))
     if any(file.error for file in ended):
         sys.exit(EXIT_SOME_FAILED)
 
 
-def _tell_of_others(folder: Path) -> None:
-    """Say which files are no meshes by their names; labels.csv may have been forgotten."""
-    others = passed_over(folder)
+def _warn_of_ignored(folder: Path) -> None:
+    """Print the ignored files; --labels may have been forgotten."""
+    others = ignored_files(folder)
     if folder / LABELS in others:
         warn(f"{folder / LABELS} is there, and is not read without --labels")
         others.remove(folder / LABELS)
     if others:
-        warn(f"{len(others)} other files are passed over, such as {printable(others[0].name)}")
+        warn(f"{len(others)} other files are ignored, such as {printable(others[0].name)}")
 
 
 def _tell_of_twins(ended: Sequence[_Ended]) -> None:
@@ -125,7 +125,7 @@ def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, p
     from unbend.library import Library  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
-    Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)  # what is wrong with them is wrong for all
+    Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)  # invalid options are invalid for all files
     with Library(url) as library:
         for file in files:
             try:
@@ -176,7 +176,7 @@ def _outcome(updated: Sequence[str], *, is_new: bool) -> Outcome:
 
 
 def _is_hopeless(error: Exception) -> bool:
-    """Whether no other file will fare better: nobody is there, we may not write, or the options are refused."""
+    """Return whether an error will repeat for every file: no service, no right to write, or refused options."""
     return isinstance(error, ServiceError) and (
         error.status in {None, 401, 403} or error.problem.get("code") == ParameterError.code
     )

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from unbend.cli.options import json_option, library_option, warn
+from unbend.names import DEFAULT_LIBRARY
 
 if TYPE_CHECKING:
-    from unbend.library.engine import Store
-    from unbend.library.keys import KeyRecord
+    from unbend.library.keys import KeyRecord, Keys
 
 
 @click.group()
 def keys() -> None:
     """Make, list and revoke the API keys of a library.
 
-    Once it has a key, its service asks for one; a server that runs knows at its next call.
+    A library with keys needs one for every request; a running server follows a change with the next request.
     """
 
 
@@ -33,20 +33,18 @@ def keys() -> None:
     type=click.Choice(["read", "write", "admin"]),
     default="read",
     show_default=True,
-    help="write: both; admin: the jobs of other keys, too.",
+    help="write includes read; admin includes both, and the jobs of other keys.",
 )
-@click.option("--expires", metavar="WHEN", help="From when it is refused: 90d, 12h, or an instant such as 2027-01-31.")
-@click.option("--most-jobs", type=click.IntRange(1), help="Jobs of this key that may wait or run at a time.")
+@click.option("--expires", metavar="WHEN", help="Time of expiry: 90d, 12h, or a date such as 2027-01-31.")
+@click.option("--most-jobs", type=click.IntRange(1), help="Most queued and running jobs of this key.")
 @library_option
 def create(
     name: str, scope: Literal["read", "write", "admin"], expires: str | None, most_jobs: int | None, library: str | None
 ) -> None:
-    """Make a key called NAME and print it. It is shown this once: the library keeps only a hash."""
-    from unbend.library.keys import create_key  # noqa: PLC0415
-
+    """Make a key named NAME and print it. It is shown only once, because the library stores only its hash."""
     until = _instant(expires) if expires else None
-    with _store(library) as store, store.write() as connection:
-        record, text = create_key(connection, name, scope, expires_at=until, most_jobs=most_jobs)
+    with _keys(library) as stored:
+        record, text = stored.create(name, scope, expires_at=until, most_jobs=most_jobs)
     warn(f"unbend: key {record.id}, which may {scope}; it will not be shown again")
     click.echo(text)
 
@@ -55,11 +53,9 @@ def create(
 @library_option
 @json_option
 def list_all(library: str | None, as_json: bool) -> None:
-    """List the keys, the revoked ones too, without their secrets."""
-    from unbend.library.keys import list_keys  # noqa: PLC0415
-
-    with _store(library) as store, store.read() as connection:
-        records = list_keys(connection)
+    """List the keys, including revoked ones, without their secrets."""
+    with _keys(library) as stored:
+        records = stored.all()
     click.echo(json.dumps({"keys": [_told(record) for record in records]}) if as_json else _table(records))
 
 
@@ -67,24 +63,22 @@ def list_all(library: str | None, as_json: bool) -> None:
 @click.argument("key_id", metavar="ID")
 @library_option
 def revoke(key_id: str, library: str | None) -> None:
-    """End the key with this ID for good."""
-    from unbend.library.keys import revoke_key  # noqa: PLC0415
-
-    with _store(library) as store, store.write() as connection:
-        record = revoke_key(connection, key_id)
+    """Revoke the key with this ID for good."""
+    with _keys(library) as stored:
+        record = stored.revoke(key_id)
     click.echo(f"{record.id} ({record.name}) is revoked")
 
 
 @contextmanager
-def _store(url: str | None) -> Iterator[Store]:
+def _keys(url: str | None) -> Iterator[Keys]:
     from unbend.library import Library  # noqa: PLC0415
 
-    with Library(url or "unbend.db") as library:
-        yield library.store
+    with Library(url or DEFAULT_LIBRARY) as library:
+        yield library.keys
 
 
 def _instant(text: str) -> datetime:
-    """Return the instant that `90d`, `12h`, or a date, perhaps with a time, stands for; days begin in UTC."""
+    """Return the time of `90d`, `12h`, or a date with an optional time; days begin in UTC."""
     if found := re.fullmatch(r"(\d{1,5})([dh])", text):
         return datetime.now(UTC) + timedelta(**{"days" if found[2] == "d" else "hours": int(found[1])})
     try:

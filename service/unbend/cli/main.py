@@ -1,4 +1,4 @@
-"""The group of commands, and how their errors are shown."""
+"""The command group, and the display of errors."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from unbend.cli.signature import signature
 from unbend.errors import StoreInUseError, UnbendError
 
 EXIT_FAILED = 1
-EXIT_IN_USE = 3  # so that a supervisor can tell a second server from one that failed
+EXIT_IN_USE = 3  # so that a supervisor can distinguish a second server from a failed one
 
-# Set before NumPy is loaded. We keep the cores busy with threads and processes of our own; OpenBLAS' threads, which
-# wait by spinning, would take them away, and the matrices are too small to gain by them.
+# Set before NumPy is loaded. unbend uses the cores with its own threads and processes. OpenBLAS' threads spin while
+# they wait, which slows those down, and the matrices are too small to gain from them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class ErrorsShown(click.Group):
-    """A group that prints our errors as a sentence instead of a traceback."""
+    """A group that prints errors of unbend as a sentence instead of a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""

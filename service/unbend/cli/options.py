@@ -26,7 +26,7 @@ WEIGHTINGS = ("equal", "inverse", "inverse_squared", "area")
 CRITERIA = ("error", "stress")
 
 Values = dict[str, Any]
-"""What a group of options says, by field: as the clients send it, and as `from_dict` takes it."""
+"""The given options of a group by field, as the clients send them and `from_dict` accepts them."""
 
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 mesh_path = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -38,7 +38,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 
 
 def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
-    """Return a decorator that adds `options`; the command gets those that are given as one mapping called `name`."""
+    """Return a decorator that adds `options`; the command gets the given ones as one mapping named `name`."""
 
     def put(context: click.Context, option: click.Parameter, value: object) -> None:
         given = context.params.setdefault(name, {})
@@ -64,13 +64,13 @@ parameter_options = _group(
             "type": _count,
             "metavar": "N|auto",
             "default": 300,
-            "help": 'Farthest point samples; "auto" doubles them until the spectrum stays.',
+            "help": 'Farthest point samples; "auto" doubles them until the spectrum is stable.',
         },
         "--dimensions": {
             "type": _count,
             "metavar": "N|auto",
             "default": 3,
-            "help": 'Of the space; "auto" finds how many.',
+            "help": 'Dimensions of the signature; "auto" chooses the number.',
         },
         "--method": {"type": click.Choice(METHODS), "default": "least_squares", "help": "How samples are embedded."},
         "--update": {"type": click.Choice(UPDATES), "default": "spherical", "help": "How marching crosses a triangle."},
@@ -87,14 +87,14 @@ parameter_options = _group(
         "--criterion": {
             "type": click.Choice(CRITERIA),
             "default": "error",
-            "help": 'What --threshold bounds where --dimensions is "auto": eq. 6, or the stress.',
+            "help": 'Quantity that --threshold limits if --dimensions is "auto": eq. 6, or the stress.',
         },
         "--threshold": {"metavar": "X", "type": float, "default": 0.05, "help": 'Of --dimensions "auto".'},
         "--tolerance": {
             "metavar": "X",
             "type": float,
             "default": 0.02,
-            "help": 'Of --samples "auto": by what share the spectrum may move.',
+            "help": 'For --samples "auto": the share by which the spectrum may still change.',
         },
     },
 )
@@ -104,7 +104,7 @@ policy_options = _group(
         "--components": {
             "type": click.Choice(get_args(Components)),
             "default": MeshPolicy().components,
-            "help": "Of a mesh of several parts: keep the largest, link them, or refuse it.",
+            "help": "For a mesh of several parts: keep the largest, link all, or refuse the mesh.",
         },
         "--max-vertices": {"metavar": "N", "type": int, "help": "Simplify meshes of more than N vertices."},
         "--smooth": {
@@ -124,7 +124,7 @@ policy_options = _group(
 
 @contextmanager
 def progress(items: Iterable[T], label: str, length: int) -> Iterator[Iterable[T]]:
-    """Show a bar on standard error while items pass; nothing where that is no terminal."""
+    """Show a progress bar on standard error; nothing if it is no terminal."""
     with click.progressbar(
         items, length=length, label=label, file=sys.stderr, show_pos=True, hidden=not sys.stderr.isatty()
     ) as bar:

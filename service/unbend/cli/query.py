@@ -19,6 +19,7 @@ from unbend.cli.options import (
     url_option,
     warn_of,
 )
+from unbend.names import DEFAULT_LIBRARY
 
 
 @click.command()
@@ -27,7 +28,7 @@ from unbend.cli.options import (
 @url_option
 @click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Shapes shown.")
 @click.option("--measure", help="How signatures are compared.")
-@click.option("--classifier", help="How distances from shapes become those from classes.")
+@click.option("--classifier", help="The rule that turns distances from shapes into distances from classes.")
 @json_option
 @parameter_options
 @policy_options
@@ -42,7 +43,7 @@ def query(
     parameters: Values,
     policy: Values,
 ) -> None:
-    """Say what MESH is, and what in the library is like it.
+    """Print the classes and shapes of the library that are nearest to MESH.
 
     Only shapes that were stored with the same --samples, --dimensions and --method are compared.
     """
@@ -51,9 +52,9 @@ def query(
     if url:
         ranking = _over_http(url, mesh, parameters, policy, asked)
     else:
-        ranking = _in_library(library or "unbend.db", mesh, parameters, policy, asked)
+        ranking = _in_library(library or DEFAULT_LIBRARY, mesh, parameters, policy, asked)
     click.echo(json.dumps(ranking) if as_json else _table(ranking))
-    if url:  # a signature computed here has printed its warnings
+    if url:  # `compute_file` has printed the warnings of a local signature
         warn_of(mesh.name, ranking.get("warnings", ()))
 
 
@@ -71,7 +72,7 @@ def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, asked:
 
 def _table(ranking: Values) -> str:
     if not ranking["shapes"]:
-        return "the library holds nothing to compare with"
+        return "the library has no shapes to compare with"
     lines = [f"{'class':<24}{'distance':>12}{'confidence':>12}"]
     lines += [f"{row['label']:<24}{row['distance']:>12.4g}{row['confidence']:>12.2f}" for row in ranking["classes"][:5]]
     if ranking["known"] is False:

@@ -1,4 +1,4 @@
-"""Calling a running service from Python."""
+"""Python clients of a running service."""
 
 from unbend.client.client import AsyncClient, AsyncJob, Client, Job
 

@@ -1,4 +1,4 @@
-"""The two clients, one for each colour of function; they differ in nothing else."""
+"""The synchronous and the asynchronous client; they differ in nothing else."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import httpx
 
 from unbend.client import protocol
 from unbend.client.events import EventReader
-from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile, Question
+from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile, QueryOptions
 
 _TIMEOUT = httpx.Timeout(POLL_SECONDS + 30.0, connect=10.0)
 
@@ -32,25 +32,25 @@ class Job:
         return str(self._record["id"])
 
     def status(self) -> Json:
-        """Return the job as it is now: state, stage, progress, position."""
+        """Return the present state of the job: state, stage, progress, position."""
         if self._record["state"] not in FINISHED:
-            self._record = self._client.request("GET", f"/v1/jobs/{self.id}").json()
+            self._record = self._client.request("GET", protocol.job_path(self.id)).json()
         return self._record
 
     def wait(self, timeout: float | None = None) -> Json:
-        """Return the job when it has ended; TimeoutError after `timeout` seconds, never by default."""
+        """Return the job once it has ended; TimeoutError after `timeout` seconds, never by default."""
         end = None if timeout is None else time.monotonic() + timeout
         while self._record["state"] not in FINISHED:
             patience = POLL_SECONDS if end is None else min(POLL_SECONDS, end - time.monotonic())
             if patience <= 0:
                 raise TimeoutError(f"job {self.id} is {self._record['state']} after {timeout} seconds")
-            self._record = self._client.request("GET", f"/v1/jobs/{self.id}", params={"wait": patience}).json()
+            self._record = self._client.request("GET", protocol.job_path(self.id), params={"wait": patience}).json()
         return self._record
 
     def events(self) -> Iterator[Json]:
         """Yield the job at each change of state, stage or progress; the last is the ended job.
 
-        Where the connection breaks, or the service starts anew, it goes on without repeating.
+        It continues after broken connections and restarts of the service, without repeating an event.
         """
         if self._record["state"] in FINISHED:
             yield self._record
@@ -67,9 +67,9 @@ class Job:
         return self._client.shape(job["shape_id"]) if job["kind"] == "shape" else job["result"]
 
     def cancel(self) -> Json:
-        """Cancel the job and return it; one that has ended stays as it is."""
+        """Cancel the job and return it; an ended job does not change."""
         if self._shape is None:
-            self._record = self._client.request("DELETE", f"/v1/jobs/{self.id}").json()
+            self._record = self._client.request("DELETE", protocol.job_path(self.id)).json()
         return self._record
 
 
@@ -79,13 +79,14 @@ class Client:
     Parameters
     ----------
     base_url : str
-        Such as "http://127.0.0.1:8000".
+        For example "http://127.0.0.1:8000".
     api_key : str, optional
 
     Raises
     ------
     ServiceError
-        By every call, where the service refuses it or cannot be reached. Uploads wait while the service is full.
+        By every method, if the service refuses the request or cannot be reached. Uploads wait while the service is
+        full.
 
     Examples
     --------
@@ -112,7 +113,7 @@ class Client:
         self._http.close()
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """Make any request of the HTTP contract; while the service is full, wait and try again."""
+        """Send any request of the HTTP API; while the service is full, wait and retry."""
         while True:
             try:
                 response = self._http.request(method, path, **options)
@@ -134,10 +135,10 @@ class Client:
         policy: Mapping[str, Any] | None = None,
         if_known: str | None = None,
     ) -> Job:
-        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already.
+        """Upload a mesh to store it, and return its job, whose `result()` is the shape, at once if it is known.
 
-        A stored shape takes the name, label and metadata given where `if_known` is "update"; else it keeps its own, and
-        its `ignored` names those that differ.
+        A known shape takes the name, label and metadata if `if_known` is "update"; otherwise it keeps its own, and
+        `ignored` names the fields that differ.
         """
         content = protocol.upload_content(
             MeshFile.of(source), Details(name, label, metadata, parameters, policy, if_known)
@@ -156,8 +157,8 @@ class Client:
         policy: Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
-        """Return the ranking of classes and shapes for a mesh that is not to be stored."""
-        content = protocol.query_content(MeshFile.of(source), Question(measure, classifier, k), parameters, policy)
+        """Return the ranking of classes and shapes for a mesh, without storing it."""
+        content = protocol.query_content(MeshFile.of(source), QueryOptions(measure, classifier, k), parameters, policy)
         response = self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
@@ -167,7 +168,7 @@ class Client:
         self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
     ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, Question(measure, classifier, k))
+        asked = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
         return dict(self.request("POST", "/v1/queries", json=asked).json())
 
     def shape(self, shape_id: str) -> Json:
@@ -175,7 +176,7 @@ class Client:
         return dict(self.request("GET", f"/v1/shapes/{shape_id}").json())
 
     def shapes(self, *, label: str | None = None) -> Iterator[Json]:
-        """Yield all shapes in the order they were added."""
+        """Yield all shapes in the order of adding."""
         cursor: str | None = None
         while True:
             page = self.request("GET", "/v1/shapes", params=protocol.page(label, cursor)).json()
@@ -185,7 +186,7 @@ class Client:
                 return
 
     def signature(self, shape_id: str) -> Json:
-        """Return all of a shape's signature."""
+        """Return the signature of a shape."""
         return dict(self.request("GET", f"/v1/shapes/{shape_id}/signature").json())
 
     def change(self, shape_id: str, **changes: Any) -> Json:
@@ -197,16 +198,16 @@ class Client:
         self.request("DELETE", f"/v1/shapes/{shape_id}")
 
     def job(self, job_id: str) -> Job:
-        """Return the handle of a job by its identifier."""
-        return Job(self, self.request("GET", f"/v1/jobs/{job_id}").json())
+        """Return a job by its identifier."""
+        return Job(self, self.request("GET", protocol.job_path(job_id)).json())
 
     def job_events(self, job_id: str) -> Iterator[Json]:
-        """Yield a job at each of its changes until it has ended; NotFoundError if there is none."""
+        """Yield a job at each change until it ends; NotFoundError if there is none of this id."""
         reader = EventReader()
         while True:
             broken: Exception | None = None
             try:
-                with self._http.stream("GET", f"/v1/jobs/{job_id}/events", headers=reader.headers) as response:
+                with self._http.stream("GET", protocol.events_path(job_id), headers=reader.headers) as response:
                     if response.is_error:
                         response.read()
                     if reader.opened(response):
@@ -220,7 +221,7 @@ class Client:
             time.sleep(reader.interrupted(broken))
 
     def classes(self) -> dict[str, int]:
-        """Return the classes and how many shapes each has."""
+        """Return the number of shapes of each class."""
         return {item["label"]: item["count"] for item in self.request("GET", "/v1/classes").json()["items"]}
 
     def map(
@@ -230,11 +231,11 @@ class Client:
         parameters: Mapping[str, Any] | None = None,
         distance: str | None = None,
     ) -> Json:
-        """Return a place for each stored shape, those alike near each other; by `distance` "l1" or "squared_l2"."""
+        """Return the map of the stored shapes, by `distance` "l1" or "squared_l2"."""
         return dict(self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance)).json())
 
     def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
-        """Return how well the stored shapes find their own class."""
+        """Return the retrieval metrics of the stored shapes."""
         return dict(self.request("GET", "/v1/evaluation", params=protocol.overview(measure, parameters)).json())
 
 
@@ -252,23 +253,23 @@ class AsyncJob:
         return str(self._record["id"])
 
     async def status(self) -> Json:
-        """Return the job as it is now: state, stage, progress, position."""
+        """Return the present state of the job: state, stage, progress, position."""
         if self._record["state"] not in FINISHED:
-            self._record = (await self._client.request("GET", f"/v1/jobs/{self.id}")).json()
+            self._record = (await self._client.request("GET", protocol.job_path(self.id))).json()
         return self._record
 
     async def wait(self, timeout: float | None = None) -> Json:
-        """Return the job when it has ended; TimeoutError after `timeout` seconds, never by default."""
+        """Return the job once it has ended; TimeoutError after `timeout` seconds, never by default."""
         async with asyncio.timeout(timeout):
             while self._record["state"] not in FINISHED:
                 params = {"wait": POLL_SECONDS}
-                self._record = (await self._client.request("GET", f"/v1/jobs/{self.id}", params=params)).json()
+                self._record = (await self._client.request("GET", protocol.job_path(self.id), params=params)).json()
         return self._record
 
     async def events(self) -> AsyncIterator[Json]:
         """Yield the job at each change of state, stage or progress; the last is the ended job.
 
-        Where the connection breaks, or the service starts anew, it goes on without repeating.
+        It continues after broken connections and restarts of the service, without repeating an event.
         """
         if self._record["state"] in FINISHED:
             yield self._record
@@ -285,14 +286,14 @@ class AsyncJob:
         return await self._client.shape(job["shape_id"]) if job["kind"] == "shape" else job["result"]
 
     async def cancel(self) -> Json:
-        """Cancel the job and return it; one that has ended stays as it is."""
+        """Cancel the job and return it; an ended job does not change."""
         if self._shape is None:
-            self._record = (await self._client.request("DELETE", f"/v1/jobs/{self.id}")).json()
+            self._record = (await self._client.request("DELETE", protocol.job_path(self.id))).json()
         return self._record
 
 
 class AsyncClient:
-    """`Client` for asyncio: the same calls, awaited."""
+    """`Client` for asyncio, with the same methods."""
 
     def __init__(self, base_url: str, api_key: str | None = None) -> None:
         self._http = httpx.AsyncClient(
@@ -312,7 +313,7 @@ class AsyncClient:
         await self._http.aclose()
 
     async def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """Make any request of the HTTP contract; while the service is full, wait and try again."""
+        """Send any request of the HTTP API; while the service is full, wait and retry."""
         while True:
             try:
                 response = await self._http.request(method, path, **options)
@@ -334,10 +335,10 @@ class AsyncClient:
         policy: Mapping[str, Any] | None = None,
         if_known: str | None = None,
     ) -> AsyncJob:
-        """Upload a mesh to be stored; the handle's `result()` is the shape, at once if it is stored already.
+        """Upload a mesh to store it, and return its job, whose `result()` is the shape, at once if it is known.
 
-        A stored shape takes the name, label and metadata given where `if_known` is "update"; else it keeps its own, and
-        its `ignored` names those that differ.
+        A known shape takes the name, label and metadata if `if_known` is "update"; otherwise it keeps its own, and
+        `ignored` names the fields that differ.
         """
         mesh = await asyncio.to_thread(MeshFile.of, source)
         content = protocol.upload_content(mesh, Details(name, label, metadata, parameters, policy, if_known))
@@ -354,9 +355,9 @@ class AsyncClient:
         policy: Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
-        """Return the ranking of classes and shapes for a mesh that is not to be stored."""
+        """Return the ranking of classes and shapes for a mesh, without storing it."""
         mesh = await asyncio.to_thread(MeshFile.of, source)
-        content = protocol.query_content(mesh, Question(measure, classifier, k), parameters, policy)
+        content = protocol.query_content(mesh, QueryOptions(measure, classifier, k), parameters, policy)
         response = await self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
@@ -366,7 +367,7 @@ class AsyncClient:
         self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
     ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, Question(measure, classifier, k))
+        asked = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
         return dict((await self.request("POST", "/v1/queries", json=asked)).json())
 
     async def shape(self, shape_id: str) -> Json:
@@ -374,7 +375,7 @@ class AsyncClient:
         return dict((await self.request("GET", f"/v1/shapes/{shape_id}")).json())
 
     async def shapes(self, *, label: str | None = None) -> AsyncIterator[Json]:
-        """Yield all shapes in the order they were added."""
+        """Yield all shapes in the order of adding."""
         cursor: str | None = None
         while True:
             page = (await self.request("GET", "/v1/shapes", params=protocol.page(label, cursor))).json()
@@ -385,7 +386,7 @@ class AsyncClient:
                 return
 
     async def signature(self, shape_id: str) -> Json:
-        """Return all of a shape's signature."""
+        """Return the signature of a shape."""
         return dict((await self.request("GET", f"/v1/shapes/{shape_id}/signature")).json())
 
     async def change(self, shape_id: str, **changes: Any) -> Json:
@@ -397,16 +398,16 @@ class AsyncClient:
         await self.request("DELETE", f"/v1/shapes/{shape_id}")
 
     async def job(self, job_id: str) -> AsyncJob:
-        """Return the handle of a job by its identifier."""
-        return AsyncJob(self, (await self.request("GET", f"/v1/jobs/{job_id}")).json())
+        """Return a job by its identifier."""
+        return AsyncJob(self, (await self.request("GET", protocol.job_path(job_id))).json())
 
     async def job_events(self, job_id: str) -> AsyncIterator[Json]:
-        """Yield a job at each of its changes until it has ended; NotFoundError if there is none."""
+        """Yield a job at each change until it ends; NotFoundError if there is none of this id."""
         reader = EventReader()
         while True:
             broken: Exception | None = None
             try:
-                async with self._http.stream("GET", f"/v1/jobs/{job_id}/events", headers=reader.headers) as response:
+                async with self._http.stream("GET", protocol.events_path(job_id), headers=reader.headers) as response:
                     if response.is_error:
                         await response.aread()
                     if reader.opened(response):
@@ -420,7 +421,7 @@ class AsyncClient:
             await asyncio.sleep(reader.interrupted(broken))
 
     async def classes(self) -> dict[str, int]:
-        """Return the classes and how many shapes each has."""
+        """Return the number of shapes of each class."""
         items = (await self.request("GET", "/v1/classes")).json()["items"]
         return {item["label"]: item["count"] for item in items}
 
@@ -431,11 +432,11 @@ class AsyncClient:
         parameters: Mapping[str, Any] | None = None,
         distance: str | None = None,
     ) -> Json:
-        """Return a place for each stored shape, those alike near each other; by `distance` "l1" or "squared_l2"."""
+        """Return the map of the stored shapes, by `distance` "l1" or "squared_l2"."""
         return dict(
             (await self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance))).json()
         )
 
     async def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
-        """Return how well the stored shapes find their own class."""
+        """Return the retrieval metrics of the stored shapes."""
         return dict((await self.request("GET", "/v1/evaluation", params=protocol.overview(measure, parameters))).json())

@@ -1,4 +1,4 @@
-"""What both clients share of following a job: reading events, and deciding when to come back for more."""
+"""Reading the events of a job over reconnections, as both clients use it."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from unbend.client.protocol import FINISHED, Json, checked, unreachable
 from unbend.errors import ServiceError
 
 _AWAY_SECONDS = 60.0
-"""How long a service may be away, between two events, before that is an error: a restart takes some seconds."""
+"""Longest absence of a service between two events before an error; a restart takes seconds."""
 
 _AWAY_STATUS = frozenset({502, 503, 504})
-"""Of proxies, and of a service that is starting."""
+"""Statuses of proxies, and of a service that is starting."""
 
 
 @dataclass
 class EventReader:
-    """Reads a job's events over one connection after another (WHATWG HTML, section 9.2.6)."""
+    """Reads the events of a job over successive connections (WHATWG HTML, section 9.2.6)."""
 
     done: bool = False
     pause: float = 1.0
-    """Seconds before the next connection, as the service has it."""
+    """Seconds before the next connection, set by the service."""
     _last: str | None = None
     _fields: dict[str, str] = field(default_factory=dict)
     _away: float = 0.0
@@ -31,17 +31,17 @@ class EventReader:
 
     @property
     def headers(self) -> dict[str, str]:
-        """What a connection is asked for with."""
+        """The headers of the next request."""
         headers = {"Accept": "text/event-stream", "Cache-Control": "no-store"}
         return headers if self._last is None else headers | {"Last-Event-ID": self._last}
 
     def opened(self, response: httpx.Response) -> bool:
-        """Return whether a response, read whole unless it is good, has events to read.
+        """Return whether a response has events. Error responses must be read completely before.
 
         Raises
         ------
         NotFoundError, ServiceError
-            Where it is an error that will not pass.
+            If the error is permanent.
         """
         self._fields = {}
         if response.status_code in _AWAY_STATUS:
@@ -52,7 +52,7 @@ class EventReader:
         return not self.done
 
     def feed(self, line: str) -> Json | None:
-        """Take a line; return the job that an event has when the line ends one."""
+        """Process a line; return the job of the event that it completes, if it does."""
         if line:
             name, _, value = line.partition(":")
             self._fields[name] = value.removeprefix(" ")
@@ -69,12 +69,12 @@ class EventReader:
         return job
 
     def interrupted(self, error: Exception | None = None) -> float:
-        """Return the seconds to wait before another connection.
+        """Return the seconds to wait before reconnecting.
 
         Raises
         ------
         ServiceError
-            If the service was never there, or has been away for too long.
+            If the service never responded, or has been absent for too long.
         """
         self._away += self.pause
         if not self._met or self._away > _AWAY_SECONDS:

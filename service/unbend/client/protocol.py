@@ -1,4 +1,4 @@
-"""What both clients share: how a request is made and an answer read."""
+"""Requests and responses of the HTTP API, as both clients use them."""
 
 from __future__ import annotations
 
@@ -11,39 +11,31 @@ from typing import Any, Final, TypedDict
 import httpx
 
 from unbend.errors import (
-    JobCancelledError,
     JobError,
-    JobMemoryError,
-    JobTimeoutError,
     MeshError,
-    MeshFormatError,
-    MeshGeometryError,
-    MeshReadError,
     NotFoundError,
     ParameterError,
     ServiceError,
+    StoreError,
     UnbendError,
-    WorkerLostError,
+    subclasses,
 )
 from unbend.names import MAX_TEXT, printable
 
 Json = dict[str, Any]
 
 POLL_SECONDS: Final = 30.0
-"""How long one long poll lasts at most."""
+"""Longest time of a long poll."""
 
 FINISHED: Final = frozenset({"succeeded", "failed", "cancelled"})
 
 IN_PLACE: Final = {"Prefer": f"wait={POLL_SECONDS:.0f}"}
-"""Asks for a query's ranking in the answer itself, if it is there in time."""
+"""Asks for the ranking of a query in the response itself, if it is ready in time."""
 
 _JOB_ERRORS: Final[dict[str, type[UnbendError]]] = {
-    kind.code: kind
-    for kind in (
-        JobCancelledError, JobError, JobMemoryError, JobTimeoutError, MeshError, MeshFormatError, MeshGeometryError,
-        MeshReadError, ParameterError, WorkerLostError,
-    )
-}  # fmt: skip
+    kind.code: kind for base in (MeshError, ParameterError, StoreError, JobError) for kind in subclasses(base)
+}
+"""Classes of the errors that a job can have, by code."""
 
 
 class Content(TypedDict, total=False):
@@ -60,21 +52,21 @@ class MeshFile:
     data: bytes
     name: str
     title: str | None = None
-    """Name for the shape, where the service would not find it in the file's name."""
+    """Name of the shape, if the service cannot derive it from the file name."""
 
     @classmethod
     def of(cls, source: bytes | str | Path) -> MeshFile:
-        """Read a path, or take bytes as they are."""
+        """Return a mesh from bytes or a path."""
         if isinstance(source, bytes):
             return cls(source, "unnamed")
         path = Path(source)
         name, title = printable(path.name), printable(path.stem)[:MAX_TEXT]
-        return cls(path.read_bytes(), name, title if "\\" in name else None)  # servers take \ for a folder
+        return cls(path.read_bytes(), name, title if "\\" in name else None)  # servers take \ as the end of a folder
 
 
 @dataclass(frozen=True)
 class Details:
-    """What goes beside an uploaded shape; fields left None are not sent."""
+    """The description of an uploaded shape; None is not sent."""
 
     name: str | None = None
     label: str | None = None
@@ -90,8 +82,8 @@ def upload_content(mesh: MeshFile, details: Details) -> Content:
 
 
 @dataclass(frozen=True)
-class Question:
-    """How a query is answered; what is None is left to the service."""
+class QueryOptions:
+    """The options of a query; None is left to the service."""
 
     measure: str | None
     classifier: str | None
@@ -99,10 +91,10 @@ class Question:
 
 
 def query_content(
-    mesh: MeshFile, question: Question, parameters: Mapping[str, Any] | None, policy: Mapping[str, Any] | None
+    mesh: MeshFile, options: QueryOptions, parameters: Mapping[str, Any] | None, policy: Mapping[str, Any] | None
 ) -> Content:
     """Return the form of a query by file."""
-    return _content(mesh, vars(question) | {"parameters": parameters, "policy": policy})
+    return _content(mesh, vars(options) | {"parameters": parameters, "policy": policy})
 
 
 def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
@@ -114,13 +106,13 @@ def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
     return {"files": {"file": (mesh.name, mesh.data)}, "data": data}
 
 
-def shape_query(shape_id: str, question: Question) -> Json:
+def shape_query(shape_id: str, options: QueryOptions) -> Json:
     """Return the body of a query by a stored shape."""
-    return {"shape_id": shape_id} | {name: value for name, value in vars(question).items() if value is not None}
+    return {"shape_id": shape_id} | {name: value for name, value in vars(options).items() if value is not None}
 
 
 def overview(measure: str | None, parameters: Mapping[str, Any] | None, distance: str | None = None) -> dict[str, str]:
-    """Return the parameters of a call about the library as a whole."""
+    """Return the parameters of a map or an evaluation."""
     text = None if parameters is None else json.dumps(dict(parameters))
     asked = {"measure": measure, "parameters": text, "distance": distance}
     return {name: value for name, value in asked.items() if value is not None}
@@ -131,8 +123,18 @@ def page(label: str | None, cursor: str | None) -> dict[str, str]:
     return {key: value for key, value in (("label", label), ("cursor", cursor)) if value is not None}
 
 
+def job_path(job_id: str) -> str:
+    """Return the path of a job."""
+    return f"/v1/jobs/{job_id}"
+
+
+def events_path(job_id: str) -> str:
+    """Return the path of a job's events."""
+    return f"{job_path(job_id)}/events"
+
+
 def submitted(response: httpx.Response) -> tuple[Json, Json | None]:
-    """Return the job that an upload became, and the shape if that was stored already."""
+    """Return the job of an upload, and the shape if it was stored already."""
     body = dict(response.json())
     if response.status_code == httpx.codes.OK:
         return {"id": "", "kind": "shape", "state": "succeeded", "shape_id": body["id"]}, body
@@ -140,7 +142,7 @@ def submitted(response: httpx.Response) -> tuple[Json, Json | None]:
 
 
 def address(base_url: str) -> httpx.URL:
-    """Return a service's address; ServiceError where it is none."""
+    """Return the URL of a service; ServiceError if it is malformed."""
     try:
         return httpx.URL(base_url)
     except httpx.InvalidURL as error:
@@ -148,19 +150,19 @@ def address(base_url: str) -> httpx.URL:
 
 
 def headers(api_key: str | None) -> dict[str, str]:
-    """Return the headers that every request carries."""
+    """Return the headers of every request."""
     return {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
 
 
 def checked(response: httpx.Response) -> httpx.Response:
-    """Return a good answer; raise what a bad one says.
+    """Return a successful response; raise the error of any other.
 
     Raises
     ------
     NotFoundError
         On 404.
     ServiceError
-        On every other error, with the problem document.
+        On any other error, with the problem document.
     """
     if response.is_success:
         return response
@@ -169,14 +171,14 @@ def checked(response: httpx.Response) -> httpx.Response:
     except ValueError:
         problem = {}
     problem = problem if isinstance(problem, dict) else {}
-    message = str(problem.get("detail") or f"the service answered {response.status_code}")
+    message = str(problem.get("detail") or f"the service responded {response.status_code}")
     if response.status_code == httpx.codes.NOT_FOUND:
         raise NotFoundError(message)
     raise ServiceError(message, status=response.status_code, problem=problem)
 
 
 def retry_after(response: httpx.Response) -> float | None:
-    """Return the seconds to wait where the service has too much to do, None where it has not."""
+    """Return the seconds to wait if the service is at a limit; None for any other response."""
     busy = response.status_code == httpx.codes.SERVICE_UNAVAILABLE and "Retry-After" in response.headers
     if response.status_code != httpx.codes.TOO_MANY_REQUESTS and not busy:
         return None
@@ -185,7 +187,7 @@ def retry_after(response: httpx.Response) -> float | None:
 
 
 def outcome(job: Json) -> Json:
-    """Return an ended job that succeeded; raise the typed error of one that did not."""
+    """Return a job that succeeded; raise the error of any other."""
     if job["state"] == "succeeded":
         return job
     error = job.get("error") or {"code": "job_failed", "message": f"the job was {job['state']}"}
@@ -193,5 +195,5 @@ def outcome(job: Json) -> Json:
 
 
 def unreachable(error: Exception) -> ServiceError:
-    """Return the error of a service that did not answer."""
+    """Return the error of a service that did not respond."""
     return ServiceError(f"the service could not be reached: {error}")

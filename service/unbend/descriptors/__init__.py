@@ -1,1 +1,1 @@
-"""Descriptors: the vectors that stand for a signature when shapes are compared."""
+"""Descriptors: vectors computed from a signature, by which shapes are compared."""

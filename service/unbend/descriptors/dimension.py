@@ -1,4 +1,4 @@
-"""How many dimensions a shape needs: itself a bending invariant (section 3: m, "an invariant measure")."""
+"""The effective dimension of a shape, a bending invariant by itself (section 3: m, "an invariant measure")."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def dimension_vector(distances: Floats) -> Floats:
     Returns
     -------
     (7,) float64
-        The dimension first: the fewest, up to 12, with an error of at most 5 %.
+        The dimension comes first: the fewest, up to 12, with an error of at most 5 %.
     """
     errors = representation_errors(distances)
     vector = np.zeros(1 + ERRORS)

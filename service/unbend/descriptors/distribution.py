@@ -1,4 +1,4 @@
-"""Shape distributions D2 (Osada et al. 2001): how distances between two random points are distributed."""
+"""Shape distributions D2 (Osada et al. 2001): the distribution of distances between two random points."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _LEVELS: Final = (np.arange(64) + 0.5) / 64
 def distance_distribution(distances: Floats, points: Floats, weights: Floats) -> Floats:
     """Return quantiles of the distances between two points chosen at random by area.
 
-    Quantiles, unlike a histogram's bins, have no edges that a small change could carry a value across; L1 between
-    them is the earth mover's distance between the distributions.
+    A small change can move a value across the edge of a histogram's bin, but quantiles have no edges. The L1 distance
+    between them is the earth mover's distance between the distributions.
 
     Parameters
     ----------
@@ -25,13 +25,13 @@ def distance_distribution(distances: Floats, points: Floats, weights: Floats) ->
     points : (k, m) float64
         The signature in the same unit.
     weights : (k,) float64
-        Share of the area that each sample stands for.
+        Share of the area that each sample represents.
 
     Returns
     -------
     (128,) float64
-        64 quantiles of the geodesic distances, then 64 of the straight ones in the signature, each over 64, so
-        that the L1 distance is a mean.
+        64 quantiles of the geodesic distances, then 64 of the Euclidean distances in the signature, each divided
+        by 64, so that the L1 distance is a mean.
     """
     count = len(distances)
     geodesic, straight, shares = np.empty((3, count * (count - 1) // 2))
@@ -41,7 +41,7 @@ def distance_distribution(distances: Floats, points: Floats, weights: Floats) ->
 
 @kernel
 def _fill_pairs(distances, points, weights, geodesic, straight, shares):
-    """Fill, for each pair of samples, their geodesic and straight distances and the product of their weights."""
+    """Write the geodesic distance, the Euclidean distance and the product of weights of each pair of samples."""
     pair = 0
     for i in range(len(distances)):
         for j in range(i + 1, len(distances)):

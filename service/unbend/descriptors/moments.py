@@ -1,6 +1,6 @@
 """Second and third order moments of a point set (Tal & Elad, cited in section 2.3), without a choice of axes.
 
-`surface_quadrature` makes them those of a surface.
+With the points of `surface_quadrature` they are the moments of a surface.
 """
 
 from __future__ import annotations
@@ -11,15 +11,16 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.descriptors.pose import in_principal_axes
 
 _AXES: Final = 3
 BLUR: Final = 0.05
-"""Axes whose second moments differ by less than this share of their sum are shared between them."""
+"""Axes are mixed if their second moments differ by less than about this share of the moments' sum."""
 
 MIXED: Final = ((0, 0, 0), (0, 1, 1), (0, 1, 2), (0, 2, 2), (1, 1, 1), (1, 1, 2), (1, 2, 2), (2, 2, 2))
-"""Which third moments are kept. The paper has fewer than 15 numbers, so two must go: those most nearly told by others.
+"""Third moments that are kept. The paper has fewer than 15 numbers, so the two most redundant ones are left out.
 
-What (0, 0, 1) and (0, 0, 2) would say, the sums along axes 1 and 2 do: most of the spread is along axis 0.
+The sums along axes 1 and 2 contain most of (0, 0, 1) and (0, 0, 2), because most of the spread is along axis 0.
 """
 
 
@@ -28,28 +29,28 @@ def moments(
 ) -> Floats:
     """Return the moments of a point set about its principal axes, as a continuous function of the points.
 
-    Where two second moments are equal, or nearly, the axes are any in their plane, and moments along them jump with
-    the input's rounding. So each axis a is blurred: instead of the projection onto it stands a function of the
-    second moment matrix M, f_a(M) = k(M - l_a) / tr k(M - l_a), where l_a is an eigenvalue of M and k a Gaussian
-    whose width is a share of tr M. Well apart, axes are projected on as they are; of equal ones each becomes their
-    mean. With the third moments T, the mean of x (x) x (x) x, and their sums t_i = sum_j T_ijj,
+    Where two second moments are nearly equal, the axes in their plane are arbitrary, and moments along them jump with
+    the input's rounding. So each axis a is blurred: the projection onto it is replaced by a function of the second
+    moment matrix M, f_a(M) = k(M - l_a) / tr k(M - l_a), where l_a is an eigenvalue of M and k a Gaussian whose width
+    is a share of tr M. For axes with well separated moments this is the projection; axes with equal moments all get
+    their mean. With the third moments T, the mean of x (x) x (x) x, and their sums t_i = sum_j T_ijj,
 
         s_a = sqrt(f_a(M) : t (x) t)        m_abc = sqrt(T : (f_a(M) (x) f_b(M) (x) f_c(M)) : T).
 
-    In the principal frame of axes far apart these are |t_a| and |T_abc|. They are norms, so they change by no more
-    than a multiple of what the points do, they are the same for mirrored sets, and s_a keeps what the absolute
-    values alone lose: the signs that T_aaa, T_abb and T_acc have to each other.
+    In the principal frame of well separated axes these are |t_a| and |T_abc|. They are norms, so they change by at
+    most a multiple of the points' change, and they are equal for mirrored sets. Absolute values alone lose the signs of
+    T_aaa, T_abb and T_acc relative to each other; s_a keeps them.
 
     Parameters
     ----------
     points : (n, m) float64
-        In any pose.
+        The pose does not matter.
     weights : (n,) float64
-        Area that each point stands for.
+        Area that each point represents.
     blur : float
-        Share of the second moments' sum.
+        Width of the Gaussian, as a share of the second moments' sum.
     mixed : sequence of (a, b, c)
-        Which m_abc are wanted, axes ascending.
+        The m_abc to return, axes ascending.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def moments(
 def _principal(points: Floats, weights: Floats) -> tuple[float, Floats, Floats]:
     """Return the mean squared distance from the centre, and moments about the principal axes in that unit.
 
-    The second ones, falling, are (m,), the third ones (m, m, m), for an m of at least 3.
+    The second moments, falling, are (m,), the third (m, m, m), with m at least 3.
     """
     share = weights / weights.sum()
     centred = points - share @ points
@@ -80,8 +81,7 @@ def _principal(points: Floats, weights: Floats) -> tuple[float, Floats, Floats]:
     if spread > 0:
         centred = centred / np.sqrt(spread)
     centred = np.pad(centred, ((0, 0), (0, max(0, _AXES - points.shape[1]))))
-    _, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
-    turned = centred @ axes[:, ::-1]
+    turned = in_principal_axes(centred, share)
     pairs = turned[:, :, None] * (turned * share[:, None])[:, None, :]
     third = np.tensordot(pairs, turned, (0, 0))
     return spread, np.einsum("nii->i", pairs), third

@@ -1,4 +1,4 @@
-"""Canonical pose: centred, turned to its principal axes, scaled (section 2.3)."""
+"""Canonical pose: centred points along their principal axes (section 2.3)."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from unbend.arrays import Floats
 
 _SYMMETRIC: Final = 1e-6
-"""Share of the mean of |x|^3 below which a third moment is rounding, of coordinates known to single precision."""
+"""Share of the mean of |x|^3 below which a third moment is rounding, for coordinates in single precision."""
 
 _AWAY: Final = 0.5
-"""Share of the farthest point's distance from which on a point is away from the origin of an axis."""
+"""Least distance of a point that may choose an axis' sign, as a share of the farthest point's."""
 
 
 def principal_pose(points: Floats, weights: Floats) -> Floats:
-    """Centre `points` (n, m) and turn them so that their second moments are diagonal and fall.
+    """Centre `points` (n, m) and rotate them so that their second moments are diagonal and falling.
 
-    Each axis points to the side of its larger third moment. Where that is zero but for rounding, as on symmetric
-    shapes, either side would do, and the first point away from the axis' origin decides: it depends on the order of
-    the points, but not on how their coordinates round. Where two second moments are equal the axes are any in their
-    plane. No continuous choice exists in either case, so descriptors do not use the pose (`moments`).
+    Each axis points to the side of its larger third moment. If that is zero up to rounding, as on symmetric shapes,
+    the first point far from the axis' origin decides: this depends on the order of the points, but not on the
+    rounding of their coordinates. Where two second moments are equal, the axes in their plane are arbitrary. No
+    continuous choice exists in either case, so descriptors do not use the pose (`moments`).
 
     Parameters
     ----------
     points : (n, m) float64
     weights : (n,) float64
-        Not negative, of any positive sum: the area that each point stands for.
+        Area that each point represents: not negative, of any positive sum.
 
     Returns
     -------
@@ -36,13 +36,18 @@ def principal_pose(points: Floats, weights: Floats) -> Floats:
     """
     share = weights / weights.sum()
     centred = points - share @ points
-    _, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
-    turned = centred @ axes[:, ::-1]
+    turned = in_principal_axes(centred, share)
     return np.asarray(turned * _signs(turned, share))
 
 
+def in_principal_axes(centred: Floats, share: Floats) -> Floats:
+    """Return centred points (n, m) in coordinates along their principal axes, second moments falling."""
+    _, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
+    return np.asarray(centred @ axes[:, ::-1])
+
+
 def _signs(turned: Floats, share: Floats) -> Floats:
-    """Return 1 or -1 for each axis, (m,)."""
+    """Return the sign that each axis is multiplied by, 1 or -1, (m,)."""
     size = np.abs(turned)
     skew, whole = share @ turned**3, share @ size**3
     first = np.take_along_axis(turned, (size > _AWAY * size.max(axis=0)).argmax(axis=0)[None], axis=0)[0]

@@ -1,4 +1,4 @@
-"""Integrals over triangulated surfaces, as sums over points that are exact for polynomials."""
+"""Quadrature on triangulated surfaces: sums over points that integrate polynomials exactly."""
 
 from __future__ import annotations
 
@@ -10,31 +10,30 @@ from unbend.arrays import Floats, Ints
 
 _OUTER, _INNER = 0.445948490915965, 0.091576213509771
 _RULE: Final[tuple[tuple[float, float], ...]] = ((_OUTER, 0.223381589678011), (_INNER, 0.109951743655322))
-"""Six points of degree 4 (Strang & Fix 1973; Dunavant 1985): two corners' share, and the weight of a point."""
+"""Six points of degree 4 (Strang & Fix 1973; Dunavant 1985): coordinate of two corners, weight."""
 
 _ROUNDING: Final = 1e-14
-"""Squared sine of the angle below which double precision cannot tell three points from a line."""
+"""Squared sine of the angle below which three points are a line in double precision."""
 
 
 def surface_quadrature(points: Floats, faces: Ints, weights: Floats) -> tuple[Floats, Floats]:
     """Return points and weights that integrate cubic polynomials exactly over triangles.
 
-    The density is linear in each triangle, and such that each vertex' share of the whole, its hat function
-    integrated, is near its weight: a signature's triangles are not of the size of the surface they stand for, so
-    that each sample's area is spread over the triangles around it. With weights of a third of the triangles around
-    each vertex the density is 1.
+    A signature's triangles do not have the area of the surface they represent, so each sample's area is spread over
+    the triangles around it. The density is linear in each triangle, and the integral of each vertex' hat function is
+    near its weight. If each weight is a third of the triangles around its vertex, the density is 1.
 
     Parameters
     ----------
     points : (n, m) float64
     faces : (f, 3) int32
     weights : (n,) float64
-        Area that each vertex stands for.
+        Area that each vertex represents.
 
     Returns
     -------
     points : (6 f + r, m) float64
-        r vertices of positive weight have no triangle of any area: these stand for themselves.
+        The last r points are vertices of positive weight without a triangle of positive area.
     weights : (6 f + r,) float64
     """
     corners = points[faces]
@@ -56,7 +55,7 @@ def _permuted(own: float, other: float, corner: int) -> Floats:
 
 
 def _areas(corners: Floats) -> Floats:
-    """Return areas of triangles (f, 3, m) in any dimension; 0 where rounding alone makes one, as on a line."""
+    """Return areas of triangles (f, 3, m) in any dimension; 0 if the area is only rounding, as on a line."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     aa, bb, ab = ((x * y).sum(axis=1) for x, y in ((a, a), (b, b), (a, b)))
     squares = aa * bb - ab * ab

@@ -1,4 +1,4 @@
-"""The Reeb graph of the mean geodesic distance: what parts a shape has (Hilaga et al. 2001, "Topology matching")."""
+"""The Reeb graph of the mean geodesic distance, whose nodes are parts of a shape (Hilaga et al. 2001)."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from scipy.sparse.csgraph import connected_components
 from unbend.arrays import Floats, Indices, Ints
 
 LEVELS: Final = 4
-"""Resolutions: 1, 2, 4 and 8 intervals. Samples are too few for finer ones."""
+"""Number of resolutions: 1, 2, 4 and 8 intervals. There are too few samples for finer ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReebGraph:
-    """Connected parts of a surface in which the mean distance to all of it lies in one interval, and which touch."""
+    """A graph whose nodes are connected parts of a surface with mean distances to all points in one interval."""
 
     intervals: Indices  # (n,)
     areas: Floats
     """Share of the surface, (n,)."""
     lows: Floats
-    """Least mean distance in each part, (n,), over the greatest of all."""
+    """Least mean distance in each part, (n,), as a share of the greatest of all."""
     highs: Floats
+    """Greatest mean distance in each part, (n,), as a share of the greatest of all."""
     edges: Indices
-    """Parts that touch, (e, 2)."""
+    """Pairs of parts that touch, (e, 2)."""
 
     def pack(self) -> Floats:
         """Return the graph as one vector of 2 + 4 n + 2 e numbers."""
@@ -35,19 +36,19 @@ class ReebGraph:
 
     @classmethod
     def unpack(cls, vector: Floats) -> ReebGraph:
-        """Return the graph that `pack` packed."""
+        """Return the graph of a vector from `pack`."""
         nodes, edges = vector[:2].astype(np.int64)
         intervals, areas, lows, highs, ends = np.split(vector[2:], [nodes, 2 * nodes, 3 * nodes, 4 * nodes])
         pairs: Indices = ends.reshape(2, edges).T.astype(np.int64)
         return cls(intervals.astype(np.int64), areas, lows, highs, pairs)
 
     def coarser(self) -> tuple[ReebGraph, Indices]:
-        """Return the graph of intervals twice as long, and which of its parts each part lies in, (n,)."""
-        return _joined(self.intervals // 2, self.areas, self.lows, self.highs, self.edges)
+        """Return the graph of intervals twice as long, and for each part the part that contains it, (n,)."""
+        return _merged(self.intervals // 2, self.areas, self.lows, self.highs, self.edges)
 
 
 def reeb_graph(distances: Floats, faces: Ints, weights: Floats) -> ReebGraph:
-    """Return the Reeb graph of a signature's samples in 2^(LEVELS - 1) intervals.
+    """Return the Reeb graph of a signature's samples in 2^(LEVELS - 1) intervals (Hilaga et al., "Topology matching").
 
     Parameters
     ----------
@@ -56,20 +57,20 @@ def reeb_graph(distances: Floats, faces: Ints, weights: Floats) -> ReebGraph:
     faces : (f, 3) int32
         Triangles between the samples.
     weights : (k,) float64
-        Share of the area that each sample stands for; they sum to 1.
+        Share of the area that each sample represents; they sum to 1.
     """
-    mean = np.einsum("ij,j->i", distances, weights)  # not @: BLAS may share a sum out among threads
+    mean = np.einsum("ij,j->i", distances, weights)  # not @: BLAS may divide a sum among threads
     height = (mean - mean.min()) / (mean.max() or 1.0)  # Hilaga et al., section 3.2
     count = 2 ** (LEVELS - 1)
     intervals = np.minimum((height * count).astype(np.int64), count - 1)
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    return _joined(intervals, weights, height, height, sides)[0]
+    return _merged(intervals, weights, height, height, sides)[0]
 
 
-def _joined(
+def _merged(
     intervals: Indices, areas: Floats, lows: Floats, highs: Floats, edges: Indices
 ) -> tuple[ReebGraph, Indices]:
-    """Join what touches in the same interval."""
+    """Merge parts that touch and lie in the same interval."""
     alike = edges[intervals[edges[:, 0]] == intervals[edges[:, 1]]]
     links = coo_array((np.ones(len(alike)), (alike[:, 0], alike[:, 1])), shape=(len(intervals), len(intervals)))
     count, found = connected_components(links, directed=False)

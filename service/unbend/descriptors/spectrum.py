@@ -2,44 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from scipy.linalg import eigvalsh
 
 from unbend.arrays import Floats
-from unbend.descriptors.kernels import Kernel, diffusion, gaussian, three_quarters
-from unbend.tolerances import SPECTRUM_FLOOR
+from unbend.tolerances import DENSITY_FLOOR, SPECTRUM_FLOOR
+
+Kernel = Callable[[Floats, Floats], Floats]
+"""A function of distance: takes distances (k, k) on a surface of area 1 and the samples' shares of the area (k,), and
+returns a matrix (k, k)."""
+
+
+def three_quarters(distances: Floats, _shares: Floats) -> Floats:
+    """Return d^0.75, which describes the whole surface, by two roots: they are faster than a power."""
+    return np.asarray(np.sqrt(distances * np.sqrt(distances)))
+
+
+def gaussian(width: float) -> Kernel:
+    """Return exp(-(d / s)^2), which describes what lies within a distance of about s."""
+    return lambda distances, _shares: np.asarray(np.exp(-((distances / width) ** 2)))
+
+
+def diffusion(width: float) -> Kernel:
+    """Return the random walk of a Gaussian step, in its symmetric form, independent of how dense the samples are.
+
+    Coifman & Lafon, "Diffusion maps" (2006), section 3.4, with alpha = 1: the logarithms of its eigenvalues tend to
+    those of the Laplace-Beltrami operator times -s^2 / 4, as samples grow denser and s smaller.
+    """
+    affinity = gaussian(width)
+
+    def walk(distances: Floats, shares: Floats) -> Floats:
+        near = affinity(distances, shares)
+        density = np.maximum(near @ shares, DENSITY_FLOOR)
+        near /= np.outer(density, density)
+        degree = np.sqrt(np.maximum(near @ shares, DENSITY_FLOOR))
+        return np.asarray(near / np.outer(degree, degree))
+
+    return walk
+
 
 KERNELS: Final[tuple[tuple[Kernel, int], ...]] = ((three_quarters, 60), (diffusion(0.14), 20), (gaussian(0.3), 40))
-"""From the whole to the near, and how many eigenvalues of each are kept.
+"""Kernels from global to local scale, each with the number of eigenvalues that are kept.
 
-`benchmarks/retrieval_choice.py` chose them among combinations of kernels, widths and counts, on half of the classes.
+`benchmarks/retrieval/choice.py` chose them among combinations of kernels, widths and counts, on half of the classes.
 """
 
 
 def geodesic_spectrum(distances: Floats, weights: Floats, kernels: Sequence[tuple[Kernel, int]] = KERNELS) -> Floats:
     """Return the logarithms of the largest eigenvalues of the area-weighted distance matrix, under several kernels.
 
-    For a kernel f these are the eigenvalues of diag(sqrt w) f(D) diag(sqrt w), by magnitude, which approximate
-    those of the operator that averages f(d(x, .)) over the surface: they depend on no order of the samples and,
-    as the samples grow denser, on no particular samples. Differences of logarithms are of one size under all
-    kernels, on real shapes, so that the kernels need no weights of their own.
+    For a kernel f these are the eigenvalues of diag(sqrt w) f(D) diag(sqrt w), by magnitude. They approximate
+    those of the operator that averages f(d(x, .)) over the surface, so they do not depend on the order of the samples
+    and, as the samples grow denser, not on which samples were chosen. On real shapes, differences of logarithms are of
+    similar size under all kernels, so the kernels need no weights.
 
     Parameters
     ----------
     distances : (k, k) float64
         Geodesic distances over the square root of the surface's area.
     weights : (k,) float64
-        Share of the area that each sample stands for; they sum to 1.
+        Share of the area that each sample represents; they sum to 1.
     kernels : sequence of (Kernel, int), default KERNELS
-        And how many eigenvalues of each are kept.
+        Each kernel with the number of its eigenvalues that are kept.
 
     Returns
     -------
     (120,) float64
-        60 + 20 + 40 logarithms, falling within each kernel. Where there are fewer samples the rest stands at the
+        60 + 20 + 40 logarithms, falling within each kernel. With fewer samples, the missing values are the
         floor, the logarithm of `tolerances.SPECTRUM_FLOOR`.
     """
     root = np.sqrt(weights)

@@ -1,4 +1,4 @@
-"""Checks of what comes in from outside."""
+"""Validation of distances and weights, and scaling that keeps their powers within double precision."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unbend.arrays import Floats
 from unbend.errors import ParameterError
 from unbend.tolerances import SYMMETRY
 
-_LARGEST_POWER: Final = 200  # of two: double precision ends at 1024, and we add fourth powers
+_LARGEST_POWER: Final = 200  # exponent of two: double precision ends at 1024, and fourth powers are added
 
 
 def check_distances(distances: ArrayLike) -> Floats:
@@ -54,17 +54,17 @@ def check_point_weights(weights: ArrayLike, count: int) -> Floats:
     return np.asarray(vector / vector.mean())
 
 
-def in_range(matrix: Floats) -> tuple[Floats, int]:
-    """Return `matrix` divided by a power of two, and its exponent: fourth powers then stay in double precision.
+def scaled_to_range(matrix: Floats) -> tuple[Floats, int]:
+    """Return `matrix` divided by a power of two, and its exponent, so that fourth powers stay in double precision.
 
-    Where they do so anyway, the exponent is 0 and the matrix is returned as it is.
+    If they do already, the exponent is 0 and the matrix is returned unchanged.
     """
     power = int(np.frexp(matrix.max())[1])
     return (matrix, 0) if abs(power) <= _LARGEST_POWER else (np.ldexp(matrix, -power), power)
 
 
-def scaled_back(values: ArrayLike, power: int) -> Floats:
-    """Return `values` times two to the `power`: infinite, or 0, where double precision ends."""
+def rescaled(values: ArrayLike, power: int) -> Floats:
+    """Return `values` times two to the `power`: infinite, or 0, outside the range of double precision."""
     with np.errstate(over="ignore", under="ignore"):
         return np.asarray(np.ldexp(values, power))
 

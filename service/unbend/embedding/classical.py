@@ -19,13 +19,13 @@ def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None
         Symmetric, plain (not squared) distances.
     dimensions : int
     weights : (n,) float64, optional
-        Above 0: how much each point counts, such as the area it stands for. Equal by default.
+        Weight of each point, above 0, such as the area it represents. Equal by default.
 
     Returns
     -------
     points : (n, dimensions) float64
-        V L^(1/2) with the largest eigenvalues, centred with the weights; columns whose eigenvalue is not positive, or
-        for which there are too few points, are zero. Each column's largest entry is positive, so that runs agree.
+        V L^(1/2) with the largest eigenvalues, centred with the weights. Columns are zero if their eigenvalue is not
+        positive or there are too few points. Each column's largest entry is positive, so that runs agree.
     eigenvalues : (min(n, dimensions),) float64
         In falling order, negative ones included; with weights, those of W^(1/2) B W^(1/2), W scaled to a mean of 1.
     """
@@ -55,7 +55,7 @@ def inner_products(squared: Floats, shares: Floats) -> Floats:
 
 
 def _inner_times(squared: Floats, shares: Floats, roots: Floats, columns: Floats) -> Floats:
-    """Multiply `columns` by W^(1/2) B W^(1/2), which is never made."""
+    """Multiply `columns` by W^(1/2) B W^(1/2) without forming that matrix."""
     weighted = roots[:, None] * columns
     weighted = weighted - shares[:, None] * weighted.sum(axis=0)  # the transposed centring
     product = squared @ weighted
@@ -64,5 +64,6 @@ def _inner_times(squared: Floats, shares: Floats, roots: Floats, columns: Floats
 
 
 def _signs(points: Floats) -> Floats:
+    """Return the sign of each column's largest entry, (m,)."""
     largest = points[np.abs(points).argmax(axis=0), np.arange(points.shape[1])]
     return np.where(largest < 0, -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""How many dimensions a set of distances needs (section 3.1): the representation error of classical scaling."""
+"""The effective dimension of distances, by the representation error of classical scaling (section 3.1)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats
-from unbend.embedding.checks import check_distances, in_range
+from unbend.embedding.checks import check_distances, scaled_to_range
 from unbend.embedding.classical import inner_products
 from unbend.errors import ParameterError
 from unbend.tolerances import REPRESENTATION_ERROR
 
 MAX_DIMENSIONS: Final = 12
-"""Most dimensions that an effective dimension can be."""
+"""Largest effective dimension that is reported."""
 
 
 def representation_errors(distances: ArrayLike) -> Floats:
-    """Share of the inner products that classical scaling in 1, 2, ... n dimensions leaves out.
+    """Representation error of classical scaling in 1, 2, ... n dimensions.
 
     Parameters
     ----------
@@ -28,16 +28,21 @@ def representation_errors(distances: ArrayLike) -> Floats:
     Returns
     -------
     (n,) float64
-        Eq. 6 relative to all: the root of sum_{i > m} lambda_i^2 / sum_i lambda_i^2 over the positive eigenvalues of
-        B (eq. 4); those below zero, which geodesic distances have, fit in no Euclidean space. It falls with m.
-        The share of energy captured is 1 minus its square.
+        Eq. 6 as a share of the whole: the root of sum_{i > m} lambda_i^2 / sum_i lambda_i^2 over the positive
+        eigenvalues of B (eq. 4). Geodesic distances also have negative ones, which no Euclidean space represents. The
+        error falls with m. The share of energy captured is 1 minus its square.
 
     Raises
     ------
     ParameterError
         If `distances` is not as described.
+
+    Examples
+    --------
+    >>> representation_errors([[0, 3, 5], [3, 0, 4], [5, 4, 0]]).round(2).tolist()
+    [0.27, 0.0, 0.0]
     """
-    matrix, _ = in_range(check_distances(distances))  # the errors are ratios, so the unit does not matter
+    matrix, _ = scaled_to_range(check_distances(distances))  # the errors are ratios, so the unit does not matter
     count = len(matrix)
     values = np.linalg.eigvalsh(inner_products(matrix**2, np.full(count, 1 / count)))
     squares = np.maximum(values, 0.0) ** 2  # rising
@@ -54,19 +59,24 @@ def effective_dimension(
     ----------
     distances : (n, n) array
     error : float, default 0.05
-        Above 0 and below 1; the paper's 5 %.
+        Above 0 and below 1; the default is the paper's 5 %.
     most : int, default 12
-        Returned where even more were needed.
+        Upper bound of the result.
 
     Returns
     -------
     int
-        Itself a bending invariant (section 3): 2 for developable sheets, mostly 3 or more for closed bodies.
+        A bending invariant by itself (section 3): 2 for developable sheets, mostly 3 or more for closed bodies.
 
     Raises
     ------
     ParameterError
         If an argument is not as described.
+
+    Examples
+    --------
+    >>> effective_dimension([[0, 3, 5], [3, 0, 4], [5, 4, 0]])
+    2
     """
     if not 0 < error < 1 or most < 1:
         raise ParameterError(f"error must lie between 0 and 1 and most be at least 1, not {error!r} and {most!r}")

@@ -1,4 +1,4 @@
-"""The checked entrance to the three methods."""
+"""`embed`, the public function for all three scaling methods, with checked arguments."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from unbend.embedding.checks import (
     check_distances,
     check_pair_weights,
     check_point_weights,
-    in_range,
-    scaled_back,
+    rescaled,
+    scaled_to_range,
 )
 from unbend.embedding.classical import classical_scaling
 from unbend.embedding.dimension import MAX_DIMENSIONS, effective_dimension
@@ -22,7 +22,7 @@ from unbend.embedding.fast import fastmap
 from unbend.embedding.least_squares import Progress, smacof
 from unbend.embedding.starts import low_starts, random_points
 from unbend.embedding.stress import stress
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 from unbend.threads import check_threads
 from unbend.tolerances import REPRESENTATION_ERROR, SMACOF_ITERATIONS
 
@@ -33,28 +33,28 @@ Criterion = Literal["error", "stress"]
 AUTO: Final = "auto"
 
 MAX_STARTS: Final = 20
-"""Of `Parameters`; a call of `embed` may take more."""
+"""Upper bound of `Parameters.starts`; `embed` accepts more."""
 
 _TRIED_ITERATIONS: Final = 8
-"""Iterations of all points from each of a few starts, before the lowest goes on."""
+"""Iterations from each of a few starts, before only the one with the lowest stress continues."""
 
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Points in a Euclidean space whose distances stand for those given."""
+    """Points in a Euclidean space whose distances approximate those given."""
 
     points: Floats  # (n, m)
     stress: float
-    """Eq. 2, of exactly these points."""
+    """Eq. 2 of exactly these points."""
     iterations: int
-    """Of SMACOF, from all starts; 0 for the other methods."""
+    """Iterations of SMACOF, from all starts; 0 for the other methods."""
     eigenvalues: Floats
     """Leading eigenvalues of classical scaling, (min(n, m),); empty for "fast".
 
-    They are in squared units of the distances: infinite, or 0, where that leaves double precision.
+    They are in squared units of the distances: infinite, or 0, outside the range of double precision.
     """
     clipped: int = 0
-    """Negative squared residuals that FastMap took for zero."""
+    """Number of negative squared residuals that FastMap replaced by zero."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
@@ -86,16 +86,16 @@ def embed(
         Accelerated SMACOF from the lowest of many minima of a few points (lowest stress), classical scaling, or
         FastMap (fewest operations). The stress of the first is never above that of the others.
     weights : (n, n) or (n,) array, optional
-        Of pairs, w_ij of eq. 2, for "least_squares": symmetric, not negative, connecting all points. Or of points,
-        above zero, such as the area each stands for: for "classical", and for "least_squares", where w_ij is the
-        product of both, each over their mean.
+        Weights of pairs or of points. Those of pairs, w_ij of eq. 2, are for "least_squares": symmetric, not negative,
+        connecting all points. Those of points, such as the area each represents, are above zero, for "classical" and
+        for "least_squares", where w_ij is the product of both points' weights, each divided by the mean weight.
     starts : int, default 0
-        Further starts of "least_squares", with all points at random places. The lowest stress wins.
+        Additional starts of "least_squares", with all points at random places. The lowest stress is returned.
     seed : int, default 0
-        Of random places, not negative: the same seed gives the same points on every run.
+        Seed of random places, not negative: the same seed gives the same points on every run.
     criterion : {"error", "stress"}
-        For `dimensions` "auto": the representation error of eq. 6, as `effective_dimension` has it, or the stress of
-        eq. 2 by this method.
+        For `dimensions` "auto": the representation error of eq. 6, as in `effective_dimension`, or the stress of eq. 2
+        by this method.
     threshold : float, default 0.05
         Above 0 and below 1.
     threads : int, optional
@@ -113,35 +113,41 @@ def embed(
     ------
     ParameterError
         If an argument is not as described.
+
+    Examples
+    --------
+    >>> triangle = [[0, 3, 5], [3, 0, 4], [5, 4, 0]]
+    >>> found = embed(triangle, 2)
+    >>> round(float(np.linalg.norm(found.points[0] - found.points[2])), 6)
+    5.0
     """
-    matrix, unit = in_range(check_distances(distances))
-    if method not in get_args(Method):
-        raise ParameterError(f"method must be one of {get_args(Method)}, not {method!r}")
+    matrix, power = scaled_to_range(check_distances(distances))
+    check_choice("method", method, get_args(Method))
     if not _is_count(starts) or (starts and method != "least_squares"):
         raise ParameterError(f"starts must be a whole number from 0, for least_squares only, not {starts!r}")
     if not _is_count(seed):
         raise ParameterError(f"seed must be a whole number from 0, not {seed!r}")
     check_threads(threads)
     pairs, shares = _checked_weights(weights, method, len(matrix))
-    pairs, heaviness = (None, 0) if pairs is None else in_range(pairs)
-    search = _Search(matrix, method, pairs, shares, starts, seed, threads, progress)
+    pairs, weight_power = (None, 0) if pairs is None else scaled_to_range(pairs)
+    problem = _Problem(matrix, method, pairs, shares, starts, seed, threads, progress)
     if dimensions == AUTO:
-        found = _fewest(search, criterion, threshold)
+        found = _fewest(problem, criterion, threshold)
     elif _is_count(dimensions) and dimensions > 0:
-        found = _embedded(search, int(dimensions))
+        found = _embedded(problem, int(dimensions))
     else:
         raise ParameterError(f'dimensions must be a whole number from 1, or "auto", not {dimensions!r}')
     return replace(
         found,
-        points=scaled_back(found.points, unit),
-        stress=float(scaled_back(found.stress, heaviness)),
-        eigenvalues=scaled_back(found.eigenvalues, 2 * unit),
+        points=rescaled(found.points, power),
+        stress=float(rescaled(found.stress, weight_power)),
+        eigenvalues=rescaled(found.eigenvalues, 2 * power),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
-    """What is embedded, and how; checked."""
+class _Problem:
+    """The checked arguments of `embed`."""
 
     matrix: Floats
     method: Method
@@ -153,53 +159,52 @@ class _Search:
     progress: Progress | None
 
 
-def _fewest(search: _Search, criterion: Criterion, threshold: float) -> Embedding:
-    """Embed in the fewest dimensions in which the criterion is at most the threshold, or the most there may be."""
-    if criterion not in get_args(Criterion):
-        raise ParameterError(f"criterion must be one of {get_args(Criterion)}, not {criterion!r}")
+def _fewest(problem: _Problem, criterion: Criterion, threshold: float) -> Embedding:
+    """Embed in the fewest dimensions in which the criterion is at most the threshold, but no more than the maximum."""
+    check_choice("criterion", criterion, get_args(Criterion))
     if criterion == "error":
-        return _embedded(search, effective_dimension(search.matrix, error=threshold))
+        return _embedded(problem, effective_dimension(problem.matrix, error=threshold))
     if not 0 < threshold < 1:
         raise ParameterError(f"threshold must lie between 0 and 1, not {threshold!r}")
     for dimensions in range(1, MAX_DIMENSIONS + 1):
-        found = _embedded(search, dimensions)
+        found = _embedded(problem, dimensions)
         if found.stress <= threshold:
             break
     return found
 
 
-def _embedded(search: _Search, dimensions: int) -> Embedding:
-    matrix, method = search.matrix, search.method
+def _embedded(problem: _Problem, dimensions: int) -> Embedding:
+    matrix, method = problem.matrix, problem.method
     if method == "fast":
         points, clipped = fastmap(matrix, dimensions)
         return Embedding(points, stress(points, matrix), 0, np.empty(0), clipped=clipped)
-    points, eigenvalues = classical_scaling(matrix, dimensions, search.shares)
+    points, eigenvalues = classical_scaling(matrix, dimensions, problem.shares)
     if method == "classical":
         return Embedding(points, stress(points, matrix), 0, eigenvalues)
-    return replace(_least_squares(search, points), eigenvalues=eigenvalues)
+    return replace(_least_squares(problem, points), eigenvalues=eigenvalues)
 
 
-def _least_squares(search: _Search, classical: Floats) -> Embedding:
-    matrix, pairs, dimensions = search.matrix, search.pairs, classical.shape[1]
+def _least_squares(problem: _Problem, classical: Floats) -> Embedding:
+    matrix, pairs, dimensions = problem.matrix, problem.pairs, classical.shape[1]
     made = 0
     lowest = np.inf
 
     def report(_: int, value: float) -> None:
         nonlocal made, lowest
         made, lowest = made + 1, min(lowest, value)
-        if search.progress is not None:
-            search.progress(made, lowest)
+        if problem.progress is not None:
+            problem.progress(made, lowest)
 
     def scaled(start: Floats, iterations: int = SMACOF_ITERATIONS) -> Embedding:
-        points, _ = smacof(matrix, start, pairs, iterations=iterations, threads=search.threads, progress=report)
+        points, _ = smacof(matrix, start, pairs, iterations=iterations, threads=problem.threads, progress=report)
         return Embedding(points, stress(points, matrix, pairs), 0, np.empty(0))
 
-    low = low_starts(matrix, classical, pairs, search.seed)
+    low = low_starts(matrix, classical, pairs, problem.seed)
     tried = [scaled(start, _TRIED_ITERATIONS) for start in (classical, *low)]
     found = [scaled(min(tried, key=_stress_of).points)]
-    found += [scaled(start) for start in random_points(matrix, dimensions, search.starts, search.seed)]
+    found += [scaled(start) for start in random_points(matrix, dimensions, problem.starts, problem.seed)]
     best = min(found, key=_stress_of)
-    for other in (classical, fastmap(matrix, dimensions)[0]):  # so that neither of these methods has a lower stress
+    for other in (classical, fastmap(matrix, dimensions)[0]):  # so that no other method has a lower stress
         if stress(other, matrix, pairs) < best.stress:
             best = min(best, scaled(other), key=_stress_of)
     return replace(best, iterations=made)

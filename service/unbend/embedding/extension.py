@@ -1,9 +1,9 @@
-"""Points of an embedding for everything that was not embedded, from its distances to a few that were.
+"""Out-of-sample extension: places further vertices from their distances to points already embedded.
 
 Classical scaling places a further vertex by a map that is affine in its squared distances to the samples (landmark
 MDS: de Silva & Tenenbaum 2004; the Nystrom method), and so does FastMap, whose cosine law is affine in the squared
-distances to its pivots. So that map is found by regression, for every method in the same way. What least squares
-embedded is then moved to where eq. 2 has it.
+distances to its pivots. So that map is found by regression, in the same way for every method. After least squares,
+vertices then move to where eq. 2 is lowest.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from unbend.jit import kernel
 from unbend.threads import share_out
 
 _RIDGE: Final = 1e-6
-"""Share of the landmarks' variance that is added in all directions: slopes must not answer to the distances' errors."""
+"""Share of the landmarks' variance that is added in all directions, so that slopes do not fit the distances' errors."""
 
 _STEPS: Final = 8
-"""Majorisation steps of a vertex: the affine map is within a few hundredths, and a step about halves what is left."""
+"""Majorisation steps of a vertex. The affine map's error is a few hundredths, and a step about halves it."""
 
 _RELAXATION: Final = 1.5
-"""Share of a majorisation step that is made. Below 2 the stress still falls (de Leeuw & Heiser 1980), and faster."""
+"""Over-relaxation of a majorisation step. Below 2 the stress still falls (de Leeuw & Heiser 1980), and faster."""
 
 
 def extend(
@@ -37,18 +37,18 @@ def extend(
     points : (k, m) float64
         The samples' points.
     samples : (k,) int64
-        Which vertices they are.
+        Vertex of each sample.
     squared : (l, n) float32
         Squared distances from the first l samples to all n vertices, in the unit of `points`.
     refine : bool
-        Whether to lower the stress of eq. 2 from there, for points that were embedded so.
+        Whether to lower the stress of eq. 2 afterwards, for points embedded by least squares.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
     Returns
     -------
     (n, m) float64
-        Near to `points` at the samples, not equal; NaN where a landmark does not reach.
+        Close to `points` at the samples, but not equal; NaN where a landmark has no path to the vertex.
     """
     slopes, constant = _affine_map(points, squared[:, samples].astype(np.float64))
     landmarks = np.ascontiguousarray(points[: len(squared)].T)
@@ -64,11 +64,11 @@ def extend(
 
 
 def _affine_map(points: Floats, squared: Floats) -> tuple[Floats, Floats]:
-    """Return slopes (m, l) and the constant (m,) that bring `squared` (l, k) nearest to `points` (k, m)."""
+    """Return slopes (m, l) and the constant (m,) that fit `squared` (l, k) to `points` (k, m)."""
     means, centre = squared.mean(axis=1), points.mean(axis=0)
     given = squared - means[:, None]
     normal = given @ given.T
-    normal[np.diag_indices(len(normal))] += _RIDGE * np.trace(normal) or 1.0  # all in one place: no slope
+    normal[np.diag_indices(len(normal))] += _RIDGE * np.trace(normal) or 1.0  # all points coincide: no slope
     slopes = np.linalg.solve(normal, given @ (points - centre)).T
     return np.ascontiguousarray(slopes), centre - slopes @ means
 
@@ -91,10 +91,11 @@ def _place_affine(squared, slopes, constant, start, stop, points):
 
 @kernel
 def _lower_stress(squared, landmarks, start, stop, points):
-    """Move each of `points[start:stop]` to where its distances to `landmarks` (m, l) are nearest to those given.
+    """Move each of `points[start:stop]` so that its distances to `landmarks` (m, l) approach those given.
 
-    A step takes it towards the mean of the places where each landmark, given its direction, would have it: that
-    lowers sum_j (delta_vj - |x_v - x_j|)^2, eq. 2 for one vertex with the others held.
+    Each landmark has a preferred place for the vertex, at the given distance in its current direction. A step moves
+    towards the mean of these places. It lowers sum_j (delta_vj - |x_v - x_j|)^2: eq. 2 for one vertex, the others
+    fixed.
     """
     dimensions, count = landmarks.shape
     given, ratio = np.empty(count), np.empty(count)

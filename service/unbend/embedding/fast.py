@@ -1,4 +1,4 @@
-"""FastMap (Faloutsos & Lin 1995; section 3.3): one axis after another through two far points."""
+"""FastMap (Faloutsos & Lin 1995; section 3.3): one axis after another through two distant points."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from unbend.arrays import Floats
 
-_PIVOT_ROUNDS = 5  # of "go to the farthest point from here"; Faloutsos & Lin use this number
+_PIVOT_ROUNDS = 5  # repetitions of "go to the farthest point from here"; Faloutsos & Lin use this number
 
 
 def fastmap(distances: Floats, dimensions: int) -> tuple[Floats, int]:
-    """Embed by FastMap: O(n m) distances are looked at.
+    """Embed by FastMap, which reads only O(n m) distances.
 
     Parameters
     ----------
@@ -22,8 +22,8 @@ def fastmap(distances: Floats, dimensions: int) -> tuple[Floats, int]:
     points : (n, dimensions) float64
         Columns beyond the rank of the distances are zero.
     clipped : int
-        How many squared residuals (eq. 10) looked at were negative, which geodesic distances allow, and were
-        taken for zero.
+        Number of squared residuals (eq. 10) that were negative and replaced by zero; geodesic distances can have such
+        residuals.
     """
     points = np.zeros((len(distances), dimensions))
     clipped = 0
@@ -44,7 +44,7 @@ def fastmap(distances: Floats, dimensions: int) -> tuple[Floats, int]:
 
 
 def _residual(distances: Floats, points: Floats, pivot: int) -> tuple[Floats, int]:
-    """Return squared distances to `pivot` in the hyperplane across the axes found so far, clipped at zero."""
+    """Return squared distances to `pivot` orthogonal to the axes so far, clipped at zero, and the number clipped."""
     squared = distances[pivot] ** 2 - ((points - points[pivot]) ** 2).sum(axis=1)
     negative = int((squared < -1e-12 * (distances[pivot] ** 2).max(initial=0.0)).sum())
     return np.maximum(squared, 0.0), negative

@@ -1,4 +1,4 @@
-"""The stress of eq. 7 and its gradient, without any n x n matrix beside those given."""
+"""The stress of eq. 7 and its gradient, without temporary n x n matrices."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from unbend.arrays import Floats
 from unbend.jit import kernel
 from unbend.threads import check_threads, share_out
 
-_ROWS: Final = 64  # of the distances in a block: blocks, not threads, are what sums are made of
-_THREADED: Final = 1000  # points; fewer take less time than starting a thread
+_ROWS: Final = 64  # rows of distances in a block; sums go over blocks, so they do not depend on threads
+_THREADED: Final = 1000  # fewest points for threads; fewer take less time than starting a thread
 _NONE: Final = np.empty((0, 0), np.float32)
 
 
@@ -44,7 +44,7 @@ class StressGradient:
     def __call__(self, axes: Floats) -> tuple[float, Floats]:
         """Return the stress of points given as (m, n), relative as in eq. 2, and V X - B(X) X of eq. 8, (m, n).
 
-        The latter is half the gradient of eq. 7; in each column j it is sum_i w_ij (1 - delta_ij / d_ij) (x_j - x_i).
+        The second result is half the gradient of eq. 7; its column j is sum_i w_ij (1 - delta_ij / d_ij) (x_j - x_i).
         """
         points = (axes / self._scale).astype(self._distances.dtype)
         gradients = np.empty((self._blocks, *points.shape), points.dtype)
@@ -62,10 +62,9 @@ class StressGradient:
 
 @kernel
 def add_blocks(axes, distances, weights, first, stop, gradients, losses):
-    """Fill blocks `first` to `stop` - 1 of the gradient and of the loss, each the part of `_ROWS` rows.
+    """Fill blocks `first` to `stop` - 1 of the gradient and of the loss, each from `_ROWS` rows of distances.
 
-    The inner loops run over j and add nothing up within themselves, so they are vectorised and yet round in one
-    fixed order.
+    The inner loops over j have no reductions, so they are vectorised and still round in one fixed order.
     """
     count = axes.shape[1]
     for block in range(first, stop):
@@ -81,7 +80,7 @@ def add_blocks(axes, distances, weights, first, stop, gradients, losses):
 
 @kernel
 def _add_rows_in_space(x, y, z, distances, rows, along_x, along_y, along_z, loss):
-    """Add the part of some rows, for three dimensions and without weights: all in registers."""
+    """Add the contribution of some rows, for three dimensions and no weights: all values stay in registers."""
     zero = x.dtype.type(0)
     for i in range(rows[0], rows[1]):
         given = distances[i]
@@ -127,7 +126,7 @@ def _squared_distances(axes, i, squared):
 
 @kernel
 def _compare(factor, given, loss):
-    """Turn squared distances into 1 - delta / d, 0 where d is; add (d - delta)^2 to `loss`."""
+    """Replace squared distances by 1 - delta / d, or 0 where d is 0; add (d - delta)^2 to `loss`."""
     zero = factor.dtype.type(0)
     for j in range(len(factor)):
         distance = np.sqrt(factor[j])
@@ -138,7 +137,7 @@ def _compare(factor, given, loss):
 
 @kernel
 def _weigh(factor, given, weights, loss):
-    """As `_compare`, with weights."""
+    """Do the same as `_compare`, with weights."""
     zero = factor.dtype.type(0)
     for j in range(len(factor)):
         distance = np.sqrt(factor[j])

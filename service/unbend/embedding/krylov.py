@@ -1,4 +1,4 @@
-"""Largest eigenvalues of a symmetric matrix that is only multiplied by: block Lanczos (Golub & Van Loan, ch. 10)."""
+"""Largest eigenvalues of a symmetric linear operator, by block Lanczos (Golub & Van Loan, ch. 10)."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ import numpy as np
 from unbend.arrays import Floats
 from unbend.tolerances import EIGENPAIR_RESIDUAL
 
-_SPARE: Final = 3  # columns beyond those wanted: they keep close and repeated eigenvalues apart
+_SPARE: Final = 3  # additional columns, which separate close and repeated eigenvalues
 _STEPS: Final = 30
-_SMALL: Final = 400  # a dense solver is as quick
+_SMALL: Final = 400  # size below which a dense solver is as fast
 
 Multiply = Callable[[Floats], Floats]
 
 
 def is_worthwhile(size: int, wanted: int) -> bool:
-    """Whether a matrix is so large that a dense solver is not as quick."""
+    """Whether a matrix is large enough that a dense solver is slower."""
     return size >= max(_SMALL, (wanted + _SPARE) * _STEPS)
 
 
 def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Floats] | None:
     """Return the largest eigenvalues, falling, and their vectors, as many as `start` has columns.
 
-    None where they did not converge. For matrices that `is_worthwhile` is true of.
+    Return None if they did not converge. Use it only where `is_worthwhile` is true.
 
     Parameters
     ----------
     multiply : callable
         Multiplies columns, (size, b), by the matrix.
     start : (size, wanted) float64
-        Near the vectors, if possible.
+        An approximation of the vectors, if possible.
     """
     size, wanted = start.shape
     width = wanted + _SPARE
-    basis, images = np.empty((2, _STEPS * width, size))  # columns as rows, so that a step fills what lies together
+    basis, images = np.empty((2, _STEPS * width, size))  # columns as rows, so that a step fills contiguous memory
     spare = np.random.default_rng(0).standard_normal((size, _SPARE)) * np.abs(start).max()
     block = np.linalg.qr(np.hstack([start, spare]))[0]
     for step in range(_STEPS):
@@ -50,14 +50,14 @@ def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Float
 
 
 def _orthogonalised(block: Floats, basis: Floats) -> Floats:
-    """Return an orthonormal basis of what `block` adds to `basis`; twice is enough (Kahan)."""
+    """Return an orthonormal basis of the part of `block` orthogonal to `basis`; two passes are enough (Kahan)."""
     for _ in range(2):
         block = np.linalg.qr(block - basis @ (basis.T @ block))[0]
     return block
 
 
 def _ritz_pairs(basis: Floats, images: Floats, wanted: int) -> tuple[Floats, Floats, float]:
-    """Return the best eigenpairs within `basis`, and the largest norm of what they miss."""
+    """Return the best eigenpairs within `basis`, and the largest norm of their residuals."""
     projected = basis.T @ images
     values, small = np.linalg.eigh((projected + projected.T) / 2)
     values, small = values[: -wanted - 1 : -1], small[:, : -wanted - 1 : -1]

@@ -1,8 +1,8 @@
 """Least squares scaling: SMACOF, iterative majorisation of the stress (section 3.2; Borg & Groenen, ch. 8).
 
-The paper prints the diagonal of B(Z) with the wrong sign and the stopping rule without the decrease; both are
-as in Borg & Groenen here. A step of SMACOF is one down the gradient in the metric of V, X - V^+ (V X - B(X) X), so
-quasi-Newton steps in that metric accelerate it.
+The paper prints the diagonal of B(Z) with the wrong sign and the stopping rule without the decrease; this code follows
+Borg & Groenen in both. A step of SMACOF is a gradient step in the metric of V, X - V^+ (V X - B(X) X), so quasi-Newton
+steps in that metric accelerate it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from unbend.errors import ParameterError
 from unbend.tolerances import SINGLE_STRESS, SMACOF_DECREASE, SMACOF_ITERATIONS, SMACOF_MEMORY, ZERO_STRESS
 
 Progress = Callable[[int, float], None]
-"""Called with the number of an iteration and the stress after it."""
+"""Callback that receives the number of an iteration and the stress after it."""
 
 
 def smacof(
@@ -39,15 +39,15 @@ def smacof(
     ----------
     distances : (n, n) float64
     start : (n, m) float64
-        Where to begin; the classical solution is a good choice.
+        Initial points; the classical solution is a good choice.
     weights : (n, n) float64, optional
         Symmetric, not negative; ones by default. The pairs with a weight must connect all points.
     memory : int
-        Steps remembered to accelerate the search (limited-memory BFGS); 0 is SMACOF as the paper has it.
+        Steps remembered to accelerate the search (limited-memory BFGS); 0 is plain SMACOF, as in the paper.
     decrease : float
         Share of the stress; two iterations in a row that gain less end the search.
     iterations : int
-        Most iterations made.
+        Maximum number of iterations.
     threads : int, optional
         All cores by default. The result does not depend on it.
     progress : callable, optional
@@ -58,15 +58,15 @@ def smacof(
     points : (n, m) float64
         The last configuration; its stress is never above that of `start`.
     iterations : int
-        How many were made, each one evaluation of B(X) X.
+        Number of iterations, each one evaluation of B(X) X.
 
     Raises
     ------
     ParameterError
-        If weights differ by more than double precision can tell.
+        If weights differ by more than double precision can represent.
     """
     if weights is not None:
-        # Neither the weights' size nor equal ones change where the minimum is.
+        # Neither a common factor nor equal weights change the minimum.
         weights = None if are_equal(weights) else weights / weights.max()
     inverse = _laplacian_inverse(weights, len(distances))
     axes, made = np.ascontiguousarray((start - start.mean(axis=0)).T), 0
@@ -89,13 +89,13 @@ def _counted_from(made: int, progress: Progress) -> Progress:
 
 
 def are_equal(weights: Floats) -> bool:
-    """Whether all pairs weigh the same, whatever is on the diagonal."""
+    """Whether all pairs have equal weights; the diagonal does not matter."""
     pairs = weights[~np.eye(len(weights), dtype=bool)]
     return len(pairs) == 0 or bool(np.ptp(pairs) == 0)
 
 
 def _laplacian_inverse(weights: Floats | None, count: int) -> Callable[[Floats], Floats]:
-    """Return what multiplies centred columns, (m, n), by V^+ of eq. 8."""
+    """Return a function that multiplies centred columns, (m, n), by V^+ of eq. 8."""
     if weights is None:
         return lambda axes: axes / count  # eq. 9
     laplacian = np.diag(weights.sum(axis=1)) - weights
@@ -103,5 +103,7 @@ def _laplacian_inverse(weights: Floats | None, count: int) -> Callable[[Floats],
     try:
         factor = cho_factor(laplacian, overwrite_a=True, check_finite=False)
     except np.linalg.LinAlgError:
-        raise ParameterError("the weights differ by so many orders of magnitude that they connect no points") from None
+        raise ParameterError(
+            "the weights differ by too many orders of magnitude: in double precision they do not connect all points"
+        ) from None
     return lambda axes: np.ascontiguousarray(cho_solve(factor, axes.T, check_finite=False).T)

@@ -14,17 +14,17 @@ from unbend.jit import kernel
 Function = Callable[[Floats], tuple[float, Floats]]
 Inverse = Callable[[Floats], Floats]
 
-_SMALL_GAINS: Final = 2  # one step may gain little before others gain much
+_SMALL_GAINS: Final = 2  # successive small decreases that end the search; one may precede larger ones
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where a search ended."""
+    """Result of a minimisation."""
 
     point: Floats
     value: float
     evaluations: int
-    """Of the function, without that of the start."""
+    """Number of evaluations of the function, without the one at the start."""
 
 
 def minimise(
@@ -38,24 +38,24 @@ def minimise(
     floor: float,
     progress: Callable[[int, float], None] | None = None,
 ) -> Minimum:
-    """Lower `function` from `start` on; it never rises.
+    """Minimise `function` from `start`; its value never rises.
 
     Parameters
     ----------
     function : callable
         Returns the value and the gradient of a point.
     inverse : callable
-        Applies the inverse of a Hessian that is nowhere below the true one, so that -inverse(gradient) is a step
-        that never raises the value: for eq. 7 the step of SMACOF (eq. 8).
+        Applies the inverse of an upper bound of the Hessian, so that the step -inverse(gradient) never raises the
+        value: for eq. 7 this is the step of SMACOF (eq. 8).
     start : (m, n) array
     memory : int
         Pairs of steps and gradients kept. With 0 every step is -inverse(gradient).
     decrease : float
-        Share of the value: the search ends when two steps in a row gain less.
+        Share of the value: the search ends when two successive steps lower it by less.
     evaluations : int
-        Most evaluations made after the first.
+        Maximum number of evaluations after the first.
     floor : float
-        A value that is low enough.
+        The search ends at a value this low.
     progress : callable, optional
         Called after each evaluation with their number and the lowest value.
     """
@@ -71,7 +71,7 @@ def minimise(
             progress(made, min(value, new_value))
         if not new_value < value:
             if history.size == 0:
-                break  # rounding: not even the safe step gains
+                break  # rounding: even the safe step does not lower the value
             history.size = 0
             continue
         small = small + 1 if value - new_value <= decrease * value else 0
@@ -81,7 +81,7 @@ def minimise(
 
 
 class _History:
-    """The last steps, and how the gradient changed over each."""
+    """The last steps, and the change of the gradient over each."""
 
     def __init__(self, memory: int, shape: tuple[int, ...]) -> None:
         self.size = 0
@@ -89,7 +89,7 @@ class _History:
         self._curvatures = np.empty(memory)  # step . change
 
     def add(self, step: Floats, change: Floats) -> None:
-        """Remember a step, at the cost of the oldest; not one along which the function is no valley."""
+        """Store a step of positive curvature, replacing the oldest if the memory is full."""
         memory, curvature = len(self._curvatures), float(np.vdot(step, change))
         if memory == 0 or curvature <= 0.0:
             return

@@ -1,8 +1,8 @@
-"""Where least squares scaling begins: the lowest of many minima of a few points.
+"""Initial points for least squares scaling: the lowest of many minima of a few points.
 
-The stress has many minima, and the one near the classical solution is often not the lowest: a limb lies on the wrong
-side. Where the parts go, a few points far from each other tell as well as all do, and for them many starts cost little.
-The others are placed by their distances to these.
+The stress has many minima, and the one near the classical solution is often not the lowest, because a limb lies on the
+wrong side. A few distant points are enough to find the arrangement of the parts, and many starts with a few points are
+cheap. The other points are then placed by their distances to these.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from unbend.embedding.stress import stress
 from unbend.jit import kernel
 
 FEW: Final = 64
-"""Points that are embedded from every start."""
+"""Number of points that are embedded from every start."""
 
 TRIES: Final = 10
-"""Random starts."""
+"""Number of random starts."""
 
 DIFFERENT: Final = 6
-"""Minima of the few points, the lowest, from which all points are placed."""
+"""Number of lowest minima of the few points from which all points are placed."""
 
 KEPT: Final = 2
-"""Of these, those of the lowest stress of all points are returned."""
+"""Number of them that are returned, those with the lowest stress of all points."""
 
 _SAME: Final = 1e-3
-"""Minima of which one is higher by less than this share count as the same."""
+"""Two minima whose values differ by less than this share count as the same."""
 
 _STEPS: Final = 120
-"""Most steps from one start."""
+"""Maximum number of steps from one start."""
 
 _DECREASE: Final = 1e-4
-"""Share of the stress: the search ends when two steps in a row gain less. It only has to tell minima apart."""
+"""Share of the stress: the search ends when two successive steps lower it by less, enough to distinguish minima."""
 
 
 def low_starts(distances: Floats, classical: Floats, weights: Floats | None = None, seed: int = 0) -> list[Floats]:
@@ -49,11 +49,11 @@ def low_starts(distances: Floats, classical: Floats, weights: Floats | None = No
     ----------
     distances : (n, n) float64
     classical : (n, m) float64
-        The classical solution: the few points start from there, too.
+        The classical solution, an additional start of the few points.
     weights : (n, n) float64, optional
-        Of pairs; ones by default. Those of the few points may leave them in parts: then all count alike.
+        Weights of pairs; ones by default. If those of the few points do not connect them, equal weights replace them.
     seed : int
-        Of the random starts.
+        Seed of the random starts.
     """
     few = _far_points(distances, min(FEW, len(distances)))
     between: Floats = np.ascontiguousarray(distances[few][:, few])
@@ -79,7 +79,7 @@ def _placed(axes: NDArray[np.float32], few: Indices, squared: NDArray[np.float32
 
 
 def _different(minima: list[tuple[float, NDArray[np.float32]]]) -> Iterator[NDArray[np.float32]]:
-    """Yield the lowest minima, of those that are the same only one."""
+    """Yield the lowest minima, each only once."""
     last, found = -np.inf, 0
     for loss, axes in sorted(minima, key=lambda minimum: minimum[0]):
         if found < DIFFERENT and loss > last * (1.0 + _SAME):
@@ -88,7 +88,7 @@ def _different(minima: list[tuple[float, NDArray[np.float32]]]) -> Iterator[NDAr
 
 
 def _far_points(distances: Floats, count: int) -> Indices:
-    """Return `count` points, each the farthest from those before it: whatever order the distances have."""
+    """Return `count` points, each the farthest from those before it, in any order of the distances."""
     chosen = np.empty(count, np.int64)
     nearest = np.full(len(distances), np.inf)
     point = int((distances**2).sum(axis=1).argmax())
@@ -101,7 +101,7 @@ def _far_points(distances: Floats, count: int) -> Indices:
 
 
 def _metric(weights: Floats | None, few: Indices) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the weights of the few points' pairs and V^+ of eq. 8; both empty, (0, 0), where all count alike."""
+    """Return the weights of the few points' pairs and V^+ of eq. 8; both empty, (0, 0), for equal weights."""
     empty = np.empty((0, 0), np.float32)
     if weights is None or are_equal(weights):
         return empty, empty
@@ -114,7 +114,7 @@ def _metric(weights: Floats | None, few: Indices) -> tuple[NDArray[np.float32], 
 
 
 def random_points(distances: Floats, dimensions: int, times: int, seed: int = 0) -> Iterator[Floats]:
-    """Yield normally distributed points, with squared distances that on average are those given."""
+    """Yield normally distributed points, whose mean squared distance equals that of the distances given."""
     rng = np.random.default_rng(seed)
     spread = np.sqrt(np.mean(distances**2) / (2 * dimensions))  # E |x - y|^2 = 2 m spread^2
     for _ in range(times):
@@ -125,8 +125,7 @@ def random_points(distances: Floats, dimensions: int, times: int, seed: int = 0)
 def _descend(axes, distances, weights, inverse, most, enough):
     """Move points, given as `axes` (m, k), to a minimum of the stress; return the loss there.
 
-    Steps of SMACOF from where the last two steps point (Nesterov 1983), from rest again where the loss rises
-    (O'Donoghue & Candes 2015).
+    Steps of SMACOF with momentum (Nesterov 1983), which restarts where the loss rises (O'Donoghue & Candes 2015).
     """
     dimensions, count = axes.shape
     gradients, losses = np.empty((1, dimensions, count), np.float32), np.empty((1, count), np.float32)

@@ -1,4 +1,4 @@
-"""The stress of eq. 2 and the distances it compares."""
+"""The stress of eq. 2."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def stress(points: Floats, distances: Floats, weights: Floats | None = None) -> 
 
 @kernel
 def raw_stress(points, distances, weights):
-    """Return the numerator of eq. 2 (eq. 7); empty `weights` (0, 0) stand for ones."""
+    """Return the numerator of eq. 2 (eq. 7); empty `weights` (0, 0) mean ones."""
     count, dimensions = points.shape
     weighted = weights.shape[0] > 0
     axes, terms, losses = np.ascontiguousarray(points.T), np.empty(count), np.zeros(count)
     for i in range(count):
-        # Loops over j that add nothing up within themselves are vectorised, and round in one order.
+        # Loops over j without reductions are vectorised and round in one fixed order.
         terms[:i] = 0.0
         for axis in range(dimensions):
             here = axes[axis, i]

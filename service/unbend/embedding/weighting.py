@@ -10,28 +10,27 @@ from unbend.arrays import Floats
 
 Weighting = Literal["equal", "inverse", "inverse_squared", "area"]
 
-
 _NEAREST: Final = 1e-3
-_SMALLEST: Final = 1e-6  # area, of the mean: a sample on faces without area keeps its place
+_SMALLEST: Final = 1e-6  # share of the mean area, so that a sample on faces of zero area still counts
 
 
-def weights_of(rule: Weighting, distances: Floats, areas: Floats) -> Floats | None:
-    """Return what `embed` takes as `weights`.
+def weights_for(rule: Weighting, distances: Floats, areas: Floats) -> Floats | None:
+    """Return the argument `weights` of `embed` for a named rule.
 
     Parameters
     ----------
     rule : {"equal", "inverse", "inverse_squared", "area"}
-        With 1 / d what is near counts for more; with 1 / d^2 errors count as shares of the distance (elastic scaling,
-        McGee 1966). With "area" dense samples count for no more than sparse ones.
+        With "inverse", 1 / d, short distances count for more. With "inverse_squared", 1 / d^2, errors count as shares
+        of the distance (elastic scaling, McGee 1966). With "area", densely sampled regions count no more than others.
     distances : (n, n) float64
-        What is nearer than a thousandth of the largest distance counts as that near: eq. 8 is solved in double
-        precision.
+        Distances below a thousandth of the largest count as that, because eq. 8 is solved in double precision.
     areas : (n,) float64
-        That each sample stands for.
+        Area that each sample represents.
 
     Returns
     -------
-    None, (n,) of points or (n, n) of pairs
+    None, (n,) or (n, n) float64
+        No weights, weights of points, or weights of pairs.
     """
     if rule == "equal":
         return None

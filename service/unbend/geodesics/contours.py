@@ -1,4 +1,4 @@
-"""Contours of a function on a surface: where it takes given values."""
+"""Contours of a function on a surface: the points where it has given values."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from unbend.arrays import Bools, Floats, Indices
 from unbend.errors import ParameterError
-from unbend.geodesics.polylines import without_repeats
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
 
@@ -19,27 +18,35 @@ Polylines = tuple[Floats, ...]
 def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tuple[Polylines, ...]:
     """Contours of a function given at the vertices and linear in each triangle, such as a field of distances.
 
-    A contour separates where the function is below the level from where it reaches it. So it is without gaps
-    wherever vertices have just that value: it may run along edges then, but not inside a triangle that has the
-    value all over. A vertex that only touches the level has none; a crest of edges that does is gone along and back.
+    A contour separates the part of the surface below the level from the part at or above it. So it has no gaps at
+    vertices with exactly that value: it may run along edges there, but not inside a triangle whose values all equal the
+    level. A vertex that only touches the level has no contour; a crest of edges that does is traversed in both
+    directions.
 
     Parameters
     ----------
     surface : Surface
         Any triangulated surface; chains of an edge with three faces or more end there.
     values : (n,) float
-        One for each vertex. Triangles with an infinite value, as of vertices out of reach, have no contours.
+        One value per vertex. Triangles with an infinite value, such as those at unreachable vertices, have no contours.
     levels : float or (l,) float
 
     Returns
     -------
     tuple of l tuples of (p, 3) float64
-        For each level its polylines; closed ones repeat their first point.
+        The polylines of each level; closed ones repeat their first point.
 
     Raises
     ------
     ParameterError
         If there is not one value for each vertex, a value is not a number, or a level is not finite.
+
+    Examples
+    --------
+    >>> from unbend.mesh.shapes import sphere
+    >>> surface = sphere()
+    >>> [len(polylines) for polylines in iso_contours(surface, surface.vertices[:, 2], [0.5, 2.0])]
+    [1, 0]
     """
     values, levels = np.asarray(values, np.float64), np.atleast_1d(np.asarray(levels, np.float64))
     if values.shape != (len(surface.vertices),):
@@ -67,7 +74,7 @@ def _polylines(surface: Surface, values: Floats, level: float, crossed: Bools) -
     if len(faces) == 0:
         return ()
     edges = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]], axis=2)  # (k, 3, 2)
-    apart = (values[edges[..., 0]] < level) != (values[edges[..., 1]] < level)  # two edges of each triangle
+    apart = (values[edges[..., 0]] < level) != (values[edges[..., 1]] < level)  # two edges of each crossed triangle
     apart[(faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])] = False
     keys = (edges[..., 0].astype(np.int64) * len(surface.vertices) + edges[..., 1])[apart]
     if len(keys) == 0:
@@ -86,9 +93,15 @@ def _crossings(vertices: Floats, values: Floats, level: float, keys: Indices) ->
     return np.asarray(np.where(share < 1, between, vertices[second]), np.float64)
 
 
+def without_repeats(points: Floats) -> Floats:
+    """Drop consecutive repeats of a point, as where a line crosses all the edges that meet in a vertex."""
+    keep: Bools = np.append(True, (points[1:] != points[:-1]).any(axis=1))
+    return points[keep]
+
+
 @kernel
 def _links(segments, count):
-    """Return the segments at each point, two at most, and how many there are."""
+    """Return the segments at each point, at most two, and their number."""
     links, degree = np.full((count, 2), -1, np.int32), np.zeros(count, np.int32)
     for segment in range(len(segments)):
         for end in range(2):
@@ -117,9 +130,9 @@ def _follow(segments, links, degree, used, segment, point, order, size):
 
 @kernel
 def _chain(segments, count):
-    """Chain segments (k, 2) between `count` points: return the points in order, and where each chain starts.
+    """Chain segments (k, 2) between `count` points: return the points in order, and the start of each chain.
 
-    Chains end where one segment or more than two meet; those left when all such are done are closed.
+    Chains end at points of one segment or more than two; the remaining chains are closed.
     """
     links, degree = _links(segments, count)
     used = np.zeros(len(segments), np.bool_)

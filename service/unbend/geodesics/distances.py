@@ -1,4 +1,4 @@
-"""Distance fields and the distance matrix: the checked entrances to the marching kernel."""
+"""Distance fields and the distance matrix, with checked arguments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, Ints
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 from unbend.geodesics.fronts import march_each, raise_to_straight
 from unbend.geodesics.stencils import Stencils, stencils_of
 from unbend.mesh.surface import Surface
@@ -20,7 +20,7 @@ Update = Literal["spherical", "planar"]
 
 @dataclass(frozen=True, eq=False)
 class GeodesicMatrix:
-    """Distances between samples, and how far the marching was from symmetric."""
+    """Distances between samples, and the asymmetry of the marched distances."""
 
     distances: Floats  # (k, k), symmetric, zero diagonal
     asymmetry: float
@@ -39,20 +39,30 @@ def geodesic_distances(
     sources : int or (k,) array of int
         Vertex indices.
     update : {"spherical", "planar"}, default "spherical"
-        How a triangle passes the front on: as a circle around a virtual point source (Novotni & Klein 2002) or
-        as a straight line (Kimmel & Sethian 1998, the paper's). The first costs the same and errs less.
+        Shape of the front in a triangle: a circle around a virtual point source (Novotni & Klein 2002) or a straight
+        line (Kimmel & Sethian 1998, the paper's). The first takes the same time and has smaller errors.
     threads : int, optional
         Threads to use, all cores by default. The result does not depend on it.
 
     Returns
     -------
     (k, n) float64
-        In the units of the vertices; inf where the source cannot reach.
+        In the units of the vertices; inf where no path leads to the vertex.
 
     Raises
     ------
     ParameterError
         If a source is not a vertex, or `update` or `threads` is not one of the values above.
+
+    Examples
+    --------
+    >>> from unbend.mesh.shapes import sphere
+    >>> surface = sphere()
+    >>> distances = geodesic_distances(surface, 0)
+    >>> distances.shape
+    (1, 642)
+    >>> round(float(distances.max()), 1)  # half a great circle
+    3.1
     """
     return distance_rows(stencils_of(surface), check_vertices(surface, sources, "sources"), None, update, threads)
 
@@ -62,13 +72,19 @@ def geodesic_matrix(
 ) -> Floats:
     """Symmetric matrix of geodesic distances between `samples`, as `geodesic_distances` computes them.
 
-    Needs memory for the stencils, the matrix and one row a thread; never for all rows.
+    It needs memory for the stencils, the matrix and one row per thread, never for all rows.
 
     Returns
     -------
     (k, k) float64
-        The smaller of both directions, for fast marching is not exactly symmetric and errs on the long side
-        (against exact geodesics the smaller is nearer than the mean); inf between components.
+        The smaller of both directions, because fast marching is not exactly symmetric and its distances are mostly too
+        long (the smaller one is nearer to the exact distance than the mean); inf between components.
+
+    Examples
+    --------
+    >>> from unbend.mesh.shapes import sphere
+    >>> geodesic_matrix(sphere(), [0, 1, 2]).shape
+    (3, 3)
     """
     return sampled_matrix(stencils_of(surface), check_vertices(surface, samples, "samples"), update, threads).distances
 
@@ -80,7 +96,7 @@ def sampled_matrix(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> GeodesicMatrix:
-    """Return the matrix of `geodesic_matrix` from stencils already built, with its asymmetry."""
+    """Return the matrix of `geodesic_matrix` from existing stencils, with its asymmetry."""
     rows = distance_rows(stencils, samples, samples, update, threads, progress)
     with np.errstate(invalid="ignore"):  # inf - inf between components
         difference = np.abs(rows - rows.T)
@@ -100,8 +116,8 @@ def distance_rows(
 ) -> Floats:
     """Return distances from `sources` to `columns`, or to every vertex, (k, len(columns)).
 
-    Threads take blocks of sources as they become free; each row is a computation of its own, so who computes
-    it does not show. `progress` is told the share of rows done.
+    Threads take blocks of sources when they are free. Each row is computed independently, so the result does not depend
+    on the thread. `progress` receives the share of rows done.
     """
     check_update(update)
     check_threads(threads)
@@ -119,8 +135,7 @@ def distance_rows(
 
 def check_update(update: str) -> None:
     """Raise ParameterError unless `update` is one of `Update`."""
-    if update not in get_args(Update):
-        raise ParameterError(f"update must be one of {get_args(Update)}, not {update!r}")
+    check_choice("update", update, get_args(Update))
 
 
 def check_vertices(surface: Surface, indices: ArrayLike, what: str) -> Ints:

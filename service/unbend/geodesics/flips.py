@@ -1,7 +1,7 @@
 """The intrinsic Delaunay triangulation of a polyhedral surface, by edge flips on lengths (Fisher et al. 2007).
 
-A flip cuts the two triangles at an edge along the other diagonal of their quadrilateral, laid into the plane. The
-surface and all distances on it stay as they are; the triangles become as round as the vertices allow.
+A flip replaces an edge by the other diagonal of its two triangles, unfolded into the plane. The surface and all
+distances on it stay the same; the triangles become as round as the vertices allow.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from unbend.geodesics.unfolding import apex
 from unbend.jit import inlined, kernel
 from unbend.tolerances import DELAUNAY, FLIPS, MOLLIFIED
 
-_FLAT = 1e-300  # below every squared area: a triangle without an area must not divide by zero
+_FLAT = 1e-300  # below every squared area, so that a triangle of zero area does not divide by zero
 
 
 def mollified(lengths: Floats) -> Floats:
     """Return half-edge lengths (3 m,) that satisfy every triangle inequality with a margin (Sharp & Crane 2020).
 
-    If a triangle lacks the margin, all edges of the mesh grow by the same amount, the least that gives it. Otherwise
-    the lengths stay as they are.
+    If a triangle lacks the margin, all edges of the mesh grow by the least amount that provides it. Otherwise the
+    lengths stay the same.
     """
     sides = lengths.reshape(-1, 3)
     slack = float((sides.sum(axis=1) - 2 * sides.max(axis=1)).min())
@@ -31,7 +31,7 @@ def mollified(lengths: Floats) -> Floats:
 
 @inlined
 def _cotangent(a, b, c):
-    """Cotangent of the angle opposite side `a`."""
+    """Return the cotangent of the angle opposite side `a`."""
     square = (a + b + c) * (b + c - a) * (c + a - b) * (a + b - c)
     return (b * b + c * c - a * a) / np.sqrt(max(square, _FLAT))
 
@@ -40,11 +40,12 @@ def _cotangent(a, b, c):
 def flip_to_delaunay(mesh, waiting, queued, size, changed):
     """Flip edges until all are Delaunay: the first `size` of `waiting`, then those around each flip.
 
-    `queued` says which half-edges wait; faces that a flip makes are set in `changed`. An edge is not flipped if the new
-    one would join a vertex to itself: windows and stencils tell the ends of an edge apart by their vertices.
+    `queued` marks the half-edges in `waiting`; a flip marks its faces in `changed`. An edge is not flipped if the new
+    one would connect a vertex to itself, because windows and stencils distinguish the ends of an edge by their
+    vertices.
     """
     faces, twins, lengths, free = mesh
-    left = FLIPS * len(faces)  # with rounding, an edge could be flipped for ever
+    left = FLIPS * len(faces)  # rounding could flip an edge forever
     while size > 0:
         size -= 1
         half_edge = waiting[size]

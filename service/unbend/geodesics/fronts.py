@@ -1,4 +1,4 @@
-"""Whole fronts: start exactly, march, and read off the distances."""
+"""Complete fronts: exact start, marching, and the distances they give."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unbend.tolerances import PLANAR_START, PLANAR_START_EDGES, START_EVENTS, ST
 def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *, spherical: bool) -> None:
     """March from each of `sources` in turn and write the distances at `columns` to `rows` (k, len(columns)).
 
-    Sources and columns are vertices as `stencils` numbers them; distances are in units of the surface's.
+    Sources and columns are vertices in the numbering of `stencils`; distances are in the units of the surface.
     """
     count = stencils.vertex_count
     _march_each(
@@ -25,7 +25,7 @@ def march_each(stencils: Stencils, sources: Ints, columns: Ints, rows: Floats, *
 
 
 def spherical_radius(stencils: Stencils, *, spherical: bool) -> float:
-    """Return the radius, in median edges, as far as which updates are spherical."""
+    """Return the radius, in median edges, within which updates are spherical."""
     return np.inf if spherical else max(PLANAR_START_EDGES, PLANAR_START * stencils.face_count**0.5)
 
 
@@ -43,7 +43,7 @@ def _march_each(stencils, unit, sources, columns, rows, disc, limit, reached, wi
 
 @kernel
 def raise_to_straight(points, sources, columns, rows):
-    """Raise `rows` (k, len(columns)) to the straight-line distances: marching errs below them on needles."""
+    """Raise `rows` (k, len(columns)) to at least the straight-line distances: on needles marching can give less."""
     for row in range(len(sources)):
         source = sources[row]
         for column in range(len(columns)):
@@ -60,8 +60,8 @@ def raise_to_straight(points, sources, columns, rows):
 def spread(stencils, source, label, disc, distance, owner, reached, width, start, front):
     """March from `source` where it is nearer than the sources before; update `distance`, and `owner` with `label`.
 
-    So many sources cost little more than a few whole fronts, and where the fronts meet lie the borders of the geodesic
-    Voronoi diagram. Each front begins as a whole one does, so that both find the same distances.
+    So many sources take little more time than a few complete fronts. The fronts meet at the borders of the geodesic
+    Voronoi diagram. Each front starts like a complete one, so both find the same distances.
     """
     slots, triangles = stencils
     seeds, values = start[0], front[0]

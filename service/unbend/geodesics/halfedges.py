@@ -1,9 +1,9 @@
-"""A triangulation described by lengths alone: which triangles meet at which sides, and how long the sides are.
+"""A triangulation as half-edges with twins and lengths, without coordinates.
 
-Side `3 f + i` of face f lies opposite its corner i and is a half-edge; `twins` names the half-edge beyond it, as
-`unbend.mesh.topology` does. Faces are put in the order of a walk over the surface (`walk.py`), and turned around until
-both faces of each edge agree, as far as the surface can be oriented. Edges whose two faces agree are *free*: they may
-be flipped and crossed without looking at vertices.
+Half-edge `3 f + i` is the side of face f opposite its corner i; `twins` has the half-edge on the other side, as in
+`unbend.mesh.topology`. Faces are in the order of a walk over the surface (`walk.py`), and reoriented until both faces
+of each edge agree, as far as the surface is orientable. Edges whose two faces agree are *free*: they can be flipped and
+crossed without comparing vertices.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Mesh = tuple[Ints, Ints, Floats, NDArray[np.uint8]]
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """Triangles with lengths. Vertices behind those of the surface are Steiner points, which only marching sees."""
+    """Triangles with lengths. Vertices after those of the surface are Steiner points, which only marching uses."""
 
     faces: Ints  # (m, 3) int32
     twins: Ints  # (3 m,) int32
@@ -35,7 +35,7 @@ class HalfEdges:
 
     @property
     def arrays(self) -> Mesh:
-        """The arrays alone."""
+        """The arrays that kernels take."""
         return self.faces, self.twins, self.lengths, self.free
 
 
@@ -61,7 +61,7 @@ def before(half_edge):
 
 @kernel
 def _in_order(faces, twins, lengths, entries, turned):
-    """Return the arrays with faces in the order of a walk, each beginning where the walk entered it."""
+    """Return the arrays with faces in the order of a walk, each starting with the side where the walk entered it."""
     place = np.empty(len(twins), np.int32)
     for face in range(len(entries)):
         for step in range(3):
@@ -78,7 +78,7 @@ def _in_order(faces, twins, lengths, entries, turned):
 
 @inlined
 def _side(entry, step, turned):
-    """Return the half-edge `step` after `entry` around its face, or before it where the face is turned around."""
+    """Return the half-edge `step` after `entry` around its face, or before it where the face is reversed."""
     return 3 * (entry // 3) + (entry % 3 + (3 - step if turned else step)) % 3
 
 
@@ -106,7 +106,7 @@ def ring_before(twins, half_edge):
 
 @kernel
 def relink(twins, old, new, beyond, ahead):
-    """Put half-edges `new` in place of `old`: the twins of `old` were `beyond`, and `old` were the twins of `ahead`."""
+    """Replace half-edges `old` by `new`: the twins of `old` were `beyond`, and `old` were the twins of `ahead`."""
     for k in range(len(old)):
         twins[new[k]] = beyond[k]
     for k in range(len(old)):

@@ -1,4 +1,4 @@
-"""Values given at samples, carried to every vertex between them."""
+"""Interpolation of values at samples to all vertices."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from unbend.geodesics.start import start_arrays, start_front
 from unbend.geodesics.stencils import SLOTS, Stencils
 from unbend.jit import kernel
 
-_NEAR: Final = 1e-6  # a distance below this share of the reach counts as this: the sample itself has all the weight
-_EVENTS: Final = 64  # of a front's exact start: weights need no exact distances
+_NEAR: Final = 1e-6  # least distance, as a share of the reach, so that weights at a sample stay finite
+_EVENTS: Final = 64  # events of a front's exact start; weights do not need exact distances
 
 
 def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float, update: Update) -> Floats:
     """Interpolate by inverse geodesic distance, among the samples within `reach` of each vertex.
 
     Franke & Little's weights (Franke 1982, "Scattered data interpolation: tests of some methods"): a sample at
-    distance d has ((reach - d) / (reach d))^2. They fall to zero smoothly, so each sample's front can stop there and
-    all of them together cost about (reach / spacing)^2 whole fronts, however many samples there are.
+    distance d has ((reach - d) / (reach d))^2. They fall to zero smoothly, so each sample's front can stop at
+    that distance. All fronts together take the time of about (reach / spacing)^2 complete fronts, for any number of
+    samples.
 
     Parameters
     ----------
@@ -32,13 +33,13 @@ def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float,
         Vertices of the surface.
     values : (k, m) float64
     reach : float
-        In units of the surface's; at least the largest distance from a vertex to its nearest sample.
+        In the units of the surface; at least the largest distance from a vertex to its nearest sample.
     update : {"spherical", "planar"}
 
     Returns
     -------
     (n, m) float64
-        `values` themselves at the samples; zero at vertices that no sample reaches.
+        Exactly `values` at the samples; zero at vertices without a sample within reach.
     """
     count = stencils.vertex_count
     total, weight = np.zeros((count, values.shape[1])), np.zeros(count)

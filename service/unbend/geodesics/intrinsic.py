@@ -1,7 +1,7 @@
-"""The triangles that fronts march over: they cover the same surface as the given ones, but are rounder.
+"""The intrinsic triangulation for marching: the same surface with rounder triangles.
 
-On stretched triangles marching is wrong by as much as the distances themselves. An intrinsic triangulation of the same
-surface has the same distances and better triangles: flips make it Delaunay, Steiner points mend what flips cannot
+On stretched triangles, marching errors are as large as the distances. An intrinsic triangulation of the same surface
+has the same distances and better triangles: flips make it Delaunay, and Steiner points improve the rest
 (Sharp, Soliman & Crane 2019, "Navigating intrinsic triangulations").
 """
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from unbend.geodesics.flips import flip_to_delaunay, mollified
 from unbend.geodesics.halfedges import HalfEdges, Mesh
 from unbend.geodesics.refinement import largest_cosine, refine
+from unbend.geodesics.unfolding import angle
 from unbend.jit import kernel
 from unbend.tolerances import MOST_STEINER, NARROW, ROUND_ANGLE, STEINER_FLOOR, STRETCHED_SHARE, THIN_ANGLE
 
@@ -29,10 +30,10 @@ class Intrinsic:
 
 
 def intrinsic_triangulation(given: HalfEdges) -> Intrinsic:
-    """Return the triangulation that marching runs on; the given one itself where it needs no change.
+    """Return the triangulation for marching; the given one if it needs no change.
 
-    Vertices keep their numbers; Steiner points follow them. Angles below `THIN_ANGLE` are always refined. Where many
-    are left after all flips, as on CAD models and steep height maps, all below `ROUND_ANGLE` are.
+    Vertices keep their numbers; Steiner points follow them. Angles below `THIN_ANGLE` are always refined. If many are
+    left after all flips, as on CAD models and steep height maps, all angles below `ROUND_ANGLE` are refined.
     """
     count = len(given.faces)
     lengths = mollified(given.lengths)
@@ -57,21 +58,21 @@ def _refined(
 ) -> tuple[HalfEdges, NDArray[np.uint8]]:
     """Refine until no angle is below `angle` degrees, as far as the number of Steiner points allows.
 
-    Arrays grow as points come: room for all that may come would be several times the mesh.
+    Arrays grow with the number of points, because capacity for the maximum would be several times the mesh.
     """
     count, now, most = len(mesh[0]), vertices, vertices + int(MOST_STEINER * vertices) + STEINER_FLOOR
     narrow = _angle_sums(mesh[0], mesh[2], vertices) < np.radians(NARROW)
     extra = 4 * thin + 64
     while True:
-        room, limit = count + 2 * extra, min(most, now + extra)
+        capacity, limit = count + 2 * extra, min(most, now + extra)
         mesh = (
-            _longer(mesh[0], room),
-            _longer(mesh[1], 3 * room),
-            _longer(mesh[2], 3 * room),
-            _longer(mesh[3], 3 * room),
+            _longer(mesh[0], capacity),
+            _longer(mesh[1], 3 * capacity),
+            _longer(mesh[2], 3 * capacity),
+            _longer(mesh[3], 3 * capacity),
         )
-        work = np.empty(3 * room, np.int32), np.zeros(3 * room, np.uint8), np.empty(4 * room, np.int32)
-        changed = _longer(changed, room)
+        work = np.empty(3 * capacity, np.int32), np.zeros(3 * capacity, np.uint8), np.empty(4 * capacity, np.int32)
+        changed = _longer(changed, capacity)
         count, now = refine(mesh, count, now, limit, _cosine(angle), _longer(narrow, limit), work, changed)
         if now < limit or now == most:
             faces, twins, lengths, free = mesh
@@ -106,5 +107,5 @@ def _angle_sums(faces, lengths, count):
     for face in range(len(faces)):
         for i in range(3):
             a, b, c = lengths[3 * face + i], lengths[3 * face + (i + 1) % 3], lengths[3 * face + (i + 2) % 3]
-            sums[faces[face, i]] += np.arccos(min(1.0, max(-1.0, (b * b + c * c - a * a) / (2.0 * b * c))))
+            sums[faces[face, i]] += angle(b, c, a)
     return sums

@@ -1,8 +1,8 @@
-"""The marching kernel: one front, from one source, in the order of its distance.
+"""The fast marching kernel: one front, from one source, in order of distance.
 
-A vertex's distance is the least that its slots give (see `stencils`), so the distances are the fixed point of the
-update equations, and the order of visits decides only how often a vertex is visited again. A queue of buckets, a fifth
-of an edge wide, needs about 1.2 visits a vertex; a heap's exact order costs more than it saves.
+A vertex's distance is the least that its slots give (see `stencils`), so the distances are a fixed point of the update
+equations, and the order of visits only decides how often a vertex is visited again. A queue of buckets, a fifth of an
+edge wide, needs about 1.2 visits per vertex; a heap's exact order takes more time than it saves.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from unbend.tolerances import MARCHING_DECREASE
 UNREACHED: Final = np.float32(np.inf)
 KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)
 
-BUCKETS: Final = 1024  # a power of two; edges of up to 200 median ones find their own bucket
+BUCKETS: Final = 1024  # a power of two; enough for edges of up to 200 median edges
 PER_EDGE: Final = np.float32(5.0)
 
 _WAITING, _SEEDED, _SETTLED = 1, 2, 3  # values of `queued`: waiting in a bucket, a seed, or final
 
 
 def front_arrays(count: int) -> tuple[np.ndarray, ...]:
-    """Return what `march` works on for `count` vertices: values, queued, next, heads, tails, slots, chosen."""
-    values = np.full(count + 1, UNREACHED, np.float32)  # the last stands for empty slots
+    """Return the work arrays of `march` for `count` vertices: values, queued, next, heads, tails, slots, chosen."""
+    values = np.full(count + 1, UNREACHED, np.float32)  # the last one is the vertex of empty slots
     queued = np.zeros(count + 1, np.uint8)
-    queued[count] = _WAITING  # nothing queues it
+    queued[count] = _WAITING  # so that it is never queued
     heads, tails = np.full(BUCKETS, -1, np.int32), np.full(BUCKETS, -1, np.int32)
     slots, chosen = np.empty((4, SLOTS), np.float32), np.empty(2 * SLOTS + 1, np.int32)
     return values, queued, np.empty(count + 1, np.int32), heads, tails, slots, chosen
@@ -42,12 +42,12 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
     Values of seeds below `exact` are exact and stay; others may be lowered.
 
     The front stops at vertices whose value is not below `limit`: with the distances to earlier sources, it visits
-    only the new source's Voronoi cell and the vertices that border it. Other values must be `UNREACHED`. As far as
-    `disc`, in median edges, updates are spherical, beyond it planar. `width` is SLOTS, as a number the compiler does
-    not know: it would unroll the loop instead of vectorising it.
+    only the new source's Voronoi cell and the vertices at its border. Other values must be `UNREACHED`. Within `disc`,
+    in median edges, updates are spherical, beyond it planar. `width` is SLOTS, passed as a variable because the
+    compiler would unroll a loop of constant length instead of vectorising it.
 
-    One function, and loops that gather, compute and choose apart from each other: calls that pass arrays, and
-    branches that cannot be foreseen, cost more than the arithmetic (benchmarks/geodesics.py).
+    This is one function with separate loops that gather, compute and choose, because calls that pass arrays and
+    unpredictable branches are more expensive than the arithmetic (benchmarks/geodesics/distances.py).
     """
     first, corners, shapes = stencils
     values, queued, following, heads, tails, slots, chosen = front
@@ -94,7 +94,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             for slot in range(SLOTS):
                 new = min(new, slots[3, slot])
 
-        if queued[v] == _SEEDED:  # it passes on what it has
+        if queued[v] == _SEEDED:  # a seed keeps at most its given value, and always passes it on
             new = min(new, old)
         elif not new < old * KEPT:
             queued[v] = 0
@@ -108,7 +108,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             continue
 
         for block in range(first[v], first[v + 1]):
-            if settled or first[v + 1] - first[v] > 1:  # otherwise they are those of the update
+            if settled or first[v + 1] - first[v] > 1:  # otherwise `slots` still has them from the update
                 for slot in range(SLOTS):
                     slots[A, slot] = values[corners[block, A, slot]]
                     slots[P, slot] = values[corners[block, P, slot]]
@@ -117,7 +117,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
                 chosen[size] = slot
                 size += (slots[A, slot] > new) & (queued[corners[block, A, slot]] == 0)
             near = size
-            late = False  # a vertex that looks at v over an edge was visited before v: seldom
+            late = False  # rare: a vertex that has v as its P was visited before v
             for slot in range(width):
                 late |= (slots[P, slot] > new) & (slots[P, slot] < UNREACHED)
             if late:

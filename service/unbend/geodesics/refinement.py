@@ -1,8 +1,8 @@
 """Intrinsic Delaunay refinement: Steiner points at the circumcentres of thin triangles (Chew 1993; Sharp et al. 2019).
 
 Where vertices are few and far apart, as on the faces of CAD models, even Delaunay triangles are thin, and a front that
-crosses them is known at too few places. New vertices make the triangles round. They lie on the surface, at places that
-lengths alone describe, and only marching sees them.
+crosses them has values at too few vertices. New vertices make the triangles rounder. They lie on the surface, at places
+described by lengths alone, and only marching uses them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LOST = -1  # `_walk` returns this for a circumcentre that it does not find
 
 @inlined
 def largest_cosine(a, b, c):
-    """Cosine of the smallest angle of a triangle with sides a, b and c."""
+    """Return the cosine of the smallest angle of a triangle with sides a, b and c."""
     return max(
         (b * b + c * c - a * a) / (2.0 * b * c),
         (c * c + a * a - b * b) / (2.0 * c * a),
@@ -32,8 +32,8 @@ def largest_cosine(a, b, c):
 def refine(mesh, face_count, vertex_count, most, bound, narrow, work, changed):
     """Insert vertices until no smallest angle has a cosine above `bound`, or there are `most` vertices.
 
-    The arrays of `mesh` have room for them. Thin triangles with their smallest angle at a `narrow` vertex stay.
-    Returns the numbers of faces and vertices.
+    The arrays of `mesh` have capacity for them. Thin triangles whose smallest angle is at a `narrow` vertex stay.
+    Return the numbers of faces and vertices.
     """
     faces, _, lengths, _ = mesh
     waiting, queued, todo = work
@@ -78,7 +78,7 @@ def _corner_of(faces, face, vertex):
 
 @kernel
 def _list_around(mesh, corner, vertex, todo, left):
-    """List the faces around `vertex`, from its `corner` on, both ways where a boundary ends the first."""
+    """List the faces around `vertex`, from its `corner` on, in both directions if a boundary ends the first."""
     faces, twins, _, free = mesh
     if corner < 0:
         return left
@@ -99,11 +99,11 @@ def _list_around(mesh, corner, vertex, todo, left):
 
 @kernel
 def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
-    """Insert the circumcentre of `face`, or halve the boundary edge before it.
+    """Insert the circumcentre of `face`, or halve a boundary edge in front of it.
 
-    Nothing is inserted where an edge would be shorter than `shortest`. No vertex is nearer to the circumcentre of a
-    Delaunay triangle than its corners, so at circumcentres only rounding makes such edges. Returns the face that was
-    split, and the second new face beside `new_face`; -1 for both where nothing was inserted.
+    Nothing is inserted if an edge would be shorter than `shortest`. No vertex is nearer to the circumcentre of a
+    Delaunay triangle than its corners, so at circumcentres only rounding makes such edges. Return the face that was
+    split, and the second new face in addition to `new_face`; -1 for both if nothing was inserted.
     """
     _, twins, lengths, _ = mesh
     at, half_edge, d0, d1, d2 = _walk(mesh, face)
@@ -121,7 +121,7 @@ def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
 
 @inlined
 def _median(base, from_a, from_b):
-    """Length from a triangle's third corner to the middle of its base."""
+    """Return the length from a triangle's third corner to the middle of its base."""
     return 0.5 * np.sqrt(max(0.0, 2.0 * (from_a * from_a + from_b * from_b) - base * base))
 
 
@@ -129,8 +129,8 @@ def _median(base, from_a, from_b):
 def _walk(mesh, face):
     """Walk in a straight line from the middle of `face` to its circumcentre.
 
-    Returns the face that holds the circumcentre, -1, and the distances from the circumcentre to that face's corners. If
-    the walk meets an edge that cannot be crossed, it returns -1, that half-edge and zeros.
+    Return the face that contains the circumcentre, -1, and the distances from the circumcentre to that face's corners.
+    If the walk meets an edge that cannot be crossed, return -1, that half-edge and zeros.
     """
     _, twins, lengths, free = mesh
     x, y = np.zeros(3), np.zeros(3)

@@ -1,4 +1,4 @@
-"""Farthest point sampling (Eldar et al. 1997), with fronts that stop where they cannot improve."""
+"""Farthest point sampling (Eldar et al. 1997), with fronts that stop where an earlier sample is nearer."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from unbend.mesh.surface import Surface
 from unbend.tolerances import SAMPLING_TIE
 
 _AT_A_TIME: Final = 32
-"""Samples between two reports of progress: enough that asking costs nothing."""
+"""Samples between two reports of progress, enough that reports take no noticeable time."""
 
 _TIE: Final = np.float32(1.0 - SAMPLING_TIE)
 
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Samples and the geodesic Voronoi diagram they make."""
+    """Samples and their geodesic Voronoi diagram."""
 
     samples: Indices  # (k,)
-    nearest: Ints  # (n,) place in `samples` of the nearest one; -1 where none can be reached
+    nearest: Ints  # (n,) index in `samples` of the nearest one; -1 where none is reachable
     radius: float
     """Largest distance from a reachable vertex to its nearest sample."""
 
@@ -45,19 +45,27 @@ def farthest_point_sampling(surface: Surface, count: int, *, start: int | None =
     count : int
         At least 1, at most the number of vertices that faces use.
     start : int, optional
-        The first sample. By default an end of the surface: the vertex farthest from the one that is farthest
-        from the first vertex used. Unlike a random start it is the same on every run and, nearly, in every pose.
+        The first sample. The default is an end of the surface: the vertex farthest from the one that is farthest from
+        the first vertex used. Unlike a random start it is the same on every run and nearly the same in every pose.
 
     Returns
     -------
     (count,) int64
-        Vertex indices, in the order they were chosen. Once every vertex that can be reached is taken, others
-        follow in the order of their indices.
+        Vertex indices, in the order they were chosen. When all reachable vertices are samples, the others follow in
+        the order of their indices.
 
     Raises
     ------
     ParameterError
         If `count` or `start` is out of range.
+
+    Examples
+    --------
+    >>> from unbend.mesh.shapes import cylinder
+    >>> surface = cylinder()
+    >>> samples = farthest_point_sampling(surface, 10, start=0)
+    >>> int(samples[0]), len(set(samples.tolist()))
+    (0, 10)
     """
     return sample_farthest(surface, stencils_of(surface), count, start=start).samples
 
@@ -70,9 +78,9 @@ def sample_farthest(
     start: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Sampling:
-    """Return the sampling of `farthest_point_sampling` from stencils already built, with its Voronoi cells.
+    """Return the sampling of `farthest_point_sampling` from existing stencils, with its Voronoi cells.
 
-    `progress` is told now and then how many samples there are.
+    `progress` receives the number of samples from time to time.
     """
     used = surface.used_vertices
     if not 1 <= count <= len(used):
@@ -83,7 +91,7 @@ def sample_farthest(
     usable[stencils.place[used]] = True
     vertex = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
     wanted = [1, 1, count] if start is None else [count]
-    for number in wanted:  # a single sample's farthest vertex is where the next search starts
+    for number in wanted:  # the vertex farthest from a single sample starts the next search
         samples, owner, distance = _sample(stencils, usable, vertex_at, vertex, number, progress)
         vertex = int(np.where(usable & np.isfinite(distance), distance, -1.0).argmax())
     radius = float(distance[usable & np.isfinite(distance)].max(initial=0.0)) * stencils.unit
@@ -110,7 +118,7 @@ def _sample(
 
 @kernel
 def _sample_on(stencils, free, labels, vertex, begin, end, samples, distance, owner, reached, width, start, front):
-    """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the one that would be next."""
+    """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the next candidate."""
     for number in range(begin, end):
         samples[number] = vertex
         free[vertex] = False
@@ -121,9 +129,9 @@ def _sample_on(stencils, free, labels, vertex, begin, end, samples, distance, ow
 
 @kernel
 def _farthest(distance, usable, labels):
-    """Return the farthest vertex, of equals that of the lowest label.
+    """Return the farthest vertex, the one of lowest label among ties.
 
-    On symmetric surfaces rounding must not choose, so that bendings of one mesh have the same samples.
+    On symmetric surfaces rounding must not decide, so that bent versions of one mesh have the same samples.
     """
     largest = np.float32(-1.0)
     for vertex in range(len(distance)):

@@ -1,10 +1,10 @@
 """The exact start of a front: shortest paths over the triangles around its source.
 
-Near its source a front is rounder than any update allows for, and marching carries that error everywhere: if it starts
-with the source alone, it converges as h^0.67. So an exact algorithm goes first. It unfolds the triangles around the
-source, nearest first, by windows and pseudo-sources (Chen & Han 1990, in the order and with the filter of Xin & Wang
-2009), for a bounded number of events. Distances below the radius it reaches are exact and stay. Marching begins from
-these and the other distances found.
+Near its source a front is rounder than any update equation assumes, and marching carries that error everywhere: if it
+starts from the source alone, it converges as h^0.67. So an exact algorithm runs first. It unfolds the triangles around
+the source, nearest first, by windows and pseudo-sources (Chen & Han 1990, in the order and with the filter of Xin &
+Wang 2009), for a bounded number of events. Distances below the radius it reaches are exact and final. Marching starts
+from these and the other distances found.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from typing import Final
 
 import numpy as np
 
-from unbend.geodesics.unfolding import apex, apex_beyond
+from unbend.geodesics.unfolding import angle, apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import SADDLE, START_EVENTS
 
-_ROOM: Final = 16 * START_EVENTS  # for events; a source with more triangles starts with no distances that stay
-_NEW: Final = 16  # events that one event may make, where no more than eight triangles meet at an edge
-_NEARLY: Final = 1.1  # measured: distances found this little beyond the radius err less than marching does
-_FILTERED: Final = 1.0 - 1e-6  # distances are kept in single precision
-_GRAZING: Final = 1e-6  # a ray that misses a vertex by this share of the distance meets it
+_CAPACITY: Final = 16 * START_EVENTS  # of events; a source with more triangles gets no exact distances
+_NEW: Final = 16  # most events that one event creates, if no more than eight triangles meet at an edge
+_NEARLY: Final = 1.1  # measured: distances up to this factor beyond the radius have smaller errors than marched ones
+_FILTERED: Final = 1.0 - 1e-6  # distances are stored in single precision
+_GRAZING: Final = 1e-6  # a ray that misses a vertex by less than this share of the distance meets it
 _STRAIGHT: Final = np.pi
 _FLAT: Final = 2.0 * np.pi + SADDLE
 
 
 def start_arrays(count: int) -> tuple[np.ndarray, ...]:
-    """Return the arrays that `start_front` works on, for `count` vertices.
+    """Return the work arrays of `start_front` for `count` vertices.
 
-    They are the seeds, each event's half-edge and vertex, each event's shape, the keys and items of a heap of events,
+    These are the seeds, each event's half-edge and vertex, each event's shape, the keys and items of a heap of events,
     and three counters.
     """
     return (
-        np.empty(count, np.int32), np.empty((_ROOM, 2), np.int32), np.empty((_ROOM, 9)),
-        np.empty(_ROOM), np.empty(_ROOM, np.int32), np.empty(3, np.int64),
+        np.empty(count, np.int32), np.empty((_CAPACITY, 2), np.int32), np.empty((_CAPACITY, 9)),
+        np.empty(_CAPACITY), np.empty(_CAPACITY, np.int32), np.empty(3, np.int64),
     )  # fmt: skip
 
 
@@ -43,12 +43,12 @@ _EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in th
 
 @kernel
 def start_front(mesh, source, enough, wanted, horizon, value, start):
-    """Set `value` along shortest paths from `source`; return how many vertices that reached, and the exact radius.
+    """Set `value` along shortest paths from `source`; return the number of vertices reached, and the exact radius.
 
-    A *pseudo-source* is a vertex where shortest paths bend. A *window* is a side (A, B) of a triangle, laid into the
-    plane of the source or of a pseudo-source, and the two rays between which that sees the side. Windows go on over
-    every other triangle at their side. The vertices reached are listed in `seeds`. The search ends after `enough`
-    events, or, below the radius `wanted`, after three times as many. It looks at nothing beyond `horizon`.
+    A *pseudo-source* is a vertex where shortest paths bend. A *window* is a side (A, B) of a triangle, unfolded into
+    the plane of the source or of a pseudo-source, and the two rays between which the side is visible from there.
+    Windows propagate over every other triangle at their side. The vertices reached are listed in `seeds`. The search
+    ends after `enough` events, or, below the radius `wanted`, after three times as many, and at `horizon`.
     """
     seeds, events, _, keys, items, counters = start
     around = mesh[5]
@@ -66,12 +66,12 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
         if events[event, 0] >= 0:
             done += 1
             _cross(mesh, event, value, start)
-        elif np.float32(key) <= value[events[event, 1]]:  # not reached on a shorter way since
-            if around[events[event, 1]] < 0.0:  # windows over edges without a length are rounding
+        elif np.float32(key) <= value[events[event, 1]]:  # no shorter path found since
+            if around[events[event, 1]] < 0.0:  # windows over edges of zero length are rounding
                 sure = min(sure, key)
             done += _leave(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
-    if counters[_EVENTS] + _NEW > len(keys):  # some events found no room
+    if counters[_EVENTS] + _NEW > len(keys):  # some events were dropped
         radius = 0.0
     return counters[_SEEDS], _NEARLY * min(radius, sure)
 
@@ -82,15 +82,8 @@ def _norm(x, y):
 
 
 @inlined
-def _angle(beside, other, opposite):
-    """Angle between two sides of a triangle."""
-    cosine = (beside * beside + other * other - opposite * opposite) / (2.0 * beside * other)
-    return np.arccos(min(1.0, max(-1.0, cosine)))
-
-
-@inlined
 def _cross(mesh, event, value, start):
-    """Pass a window on over the triangle behind it."""
+    """Propagate a window over the triangle behind it."""
     faces, _, lengths, _, _, around = mesh
     _, events, shapes, _, _, _ = start
     half_edge, a = events[event, 0], events[event, 1]
@@ -114,7 +107,7 @@ def _cross(mesh, event, value, start):
         straight, turn = _norm(dx, dy), 0.0
         if around[d] > _FLAT and straight > 0.0:
             side_x, side_y = (ax, ay) if at_a == 3 * face + (j + 1) % 3 else (bx, by)
-            turn = _angle(straight, _norm(side_x - dx, side_y - dy), _norm(side_x, side_y))
+            turn = angle(straight, _norm(side_x - dx, side_y - dy), _norm(side_x, side_y))
         _reach(d, before + straight, half_edge, turn, value, start)
     if left_of_right:
         edge_x, edge_y = (dx, dy) if right_of_left else (left_x, left_y)
@@ -126,7 +119,7 @@ def _cross(mesh, event, value, start):
 
 @inlined
 def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x, left_y, before, value, start):
-    """Queue the window over `half_edge`, unless paths by way of an end of that side are shorter everywhere."""
+    """Queue the window over `half_edge`, unless paths through an end of that side are shorter everywhere."""
     _, twins, _, _, _, _ = mesh
     _, events, shapes, keys, items, counters = start
     ex, ey = bx - ax, by - ay
@@ -157,9 +150,9 @@ def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x,
 
 @inlined
 def _reach(vertex, distance, corner, turn, value, start):
-    """Lower the distance of a vertex, reached in `corner`, `turn` away from the side to that one's next corner.
+    """Lower the distance of a vertex, reached in `corner`, at the angle `turn` from the side to the next corner.
 
-    Paths of one length may come around a vertex on both sides, and each has a shadow of its own behind the next.
+    Paths of equal length may pass an obstacle on both sides, and each has its own shadow behind the next vertex.
     """
     seeds, events, shapes, keys, items, counters = start
     lower = np.float32(distance)
@@ -179,14 +172,14 @@ def _reach(vertex, distance, corner, turn, value, start):
 
 @inlined
 def _leave(mesh, event, distance, value, start):
-    """Go on from a vertex along its edges; where paths bend at it, go on as from a source. Return 1 if they do, else 0.
+    """Continue from a vertex along its edges, and as from a source if paths bend at it. Return 1 if they do, else 0.
 
     Rounding loses rays that graze a vertex, so windows alone would miss the edges behind it.
     """
     faces, _, lengths, starts, corners, around = mesh
     events = start[1]
     vertex = events[event, 1]
-    if around[vertex] == np.inf:  # a boundary, or no single fan: paths may go into every triangle
+    if around[vertex] == np.inf:  # a boundary, or no single fan: paths may continue into every triangle
         _open_fan(mesh, vertex, distance, value, start)
         return 1
     for index in range(starts[vertex], starts[vertex + 1]):
@@ -203,10 +196,10 @@ def _leave(mesh, event, distance, value, start):
 
 @inlined
 def _turn_back(mesh, corner, to_next, across, opposite):
-    """Angle in `corner` between its two sides; 0 at vertices where paths do not bend."""
+    """Return the angle in `corner` between its two sides; 0 at vertices where paths do not bend."""
     faces, around = mesh[0], mesh[5]
     saddle = around[faces[corner // 3, corner % 3]] > _FLAT and to_next > 0.0 and across > 0.0
-    return _angle(to_next, across, opposite) if saddle else 0.0
+    return angle(to_next, across, opposite) if saddle else 0.0
 
 
 @inlined
@@ -215,23 +208,23 @@ def _bend(mesh, event, distance, value, start):
     faces, twins, lengths, _, _, around = mesh
     _, events, shapes, _, _, _ = start
     vertex, corner = events[event, 1], -1 - events[event, 0]
-    side, angle = 3 * (corner // 3) + (corner % 3 + 2) % 3, shapes[event, 0]
+    side, behind = 3 * (corner // 3) + (corner % 3 + 2) % 3, shapes[event, 0]
     end = around[vertex] - _STRAIGHT
-    while angle < end:
-        twin = twins[side]  # all faces around this vertex agree in orientation
+    while behind < end:
+        twin = twins[side]  # all faces around this vertex have the same orientation
         face, k = twin // 3, twin % 3
         at_w, at_vertex = 3 * face + (k + 1) % 3, 3 * face + (k + 2) % 3
         to_w, to_u, across = lengths[twin], lengths[at_w], lengths[at_vertex]
         if not (to_w > 0.0 and to_u > 0.0 and across > 0.0):
             return
-        own = _angle(to_w, to_u, across)
-        if angle + own > _STRAIGHT:
-            right, left = max(0.0, _STRAIGHT - angle), min(own, end - angle)
+        own = angle(to_w, to_u, across)
+        if behind + own > _STRAIGHT:
+            right, left = max(0.0, _STRAIGHT - behind), min(own, end - behind)
             _add_window(
                 mesh, at_vertex, faces[face, at_w % 3], faces[face, k], to_w, 0.0, to_u * np.cos(own),
                 to_u * np.sin(own), np.cos(right), np.sin(right), np.cos(left), np.sin(left), distance, value, start,
             )  # fmt: skip
-        angle += own
+        behind += own
         side = at_w
 
 
@@ -246,7 +239,7 @@ def _open_fan(mesh, vertex, distance, value, start):
         to_a, to_b, across = lengths[at_b], lengths[at_a], lengths[side]
         turn = _turn_back(mesh, at_a, to_a, across, to_b)
         _reach(faces[face, at_a % 3], distance + to_a, at_a, turn, value, start)
-        if distance + to_b < value[faces[face, at_b % 3]]:  # else another triangle has it as its A
+        if distance + to_b < value[faces[face, at_b % 3]]:  # otherwise it is the A of another triangle
             _reach(faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]

@@ -1,20 +1,19 @@
-"""Stencils of fast marching: around each vertex, the triangles through which a front can reach it.
+"""Stencils of fast marching: the triangles through which a front can reach each vertex.
 
-A *slot* of vertex C is a triangle (C, A, B) laid into the plane with C at the origin, A on the x axis and B above
-it, and behind the edge AB the vertex P that C looks at when the mesh is unfolded there. A front reaches C between A
-and P or between P and B. Kimmel & Sethian (1998) unfold only where the angle at C is obtuse, so that A and P, and P
-and B, are known before C. Here every corner is unfolded: the two halves see a front's curvature better than the
-triangle does, which more than halves the error (docs/benchmarks.md).
+A *slot* of vertex C is a triangle (C, A, B) in the plane with C at the origin, A on the x axis and B above it, and the
+vertex P that is visible from C behind the edge AB when the mesh is unfolded there. A front reaches C between A and P
+or between P and B. Kimmel & Sethian (1998) unfold only where the angle at C is obtuse, so that A and P, and P and B,
+are known before C. Here every corner is unfolded: the two halves represent a front's curvature better than the
+triangle, which more than halves the error (docs/benchmarks.md).
 
-Eight slots make a block, laid out so that one vector instruction takes a row of it; most vertices have one block of
-256 bytes. Empty slots refer to a vertex that no front reaches.
+Eight slots make a block, laid out so that one vector instruction processes a row; most vertices have one block of 256
+bytes. Empty slots refer to a vertex that no front reaches.
 
-Triangles are those of the intrinsic triangulation. Where it differs from the given one, given triangles take the slots
-that would be empty. Both triangulate the same surface, so all slots are valid; the least distance of more slots errs
-less, and costs nothing.
+Triangles are those of the intrinsic triangulation. Where it differs from the given one, given triangles fill otherwise
+empty slots. Both triangulate the same surface, so all slots are valid; more slots reduce the error and take no time.
 
-Nothing here needs a manifold or an orientation: a triangle stands for itself, and over an edge of three faces
-or more the unfolding takes one of the other faces.
+The surface need not be manifold or oriented: each triangle is independent, and over an edge of three faces or more the
+unfolding takes one of the other faces.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from unbend.arrays import Floats, Ints
 from unbend.errors import MeshGeometryError
 from unbend.geodesics.halfedges import HalfEdges, half_edges_of
 from unbend.geodesics.intrinsic import Intrinsic, intrinsic_triangulation
-from unbend.geodesics.unfolding import apex, half_edge_lengths, vertex_behind
+from unbend.geodesics.unfolding import angle, apex, half_edge_lengths, vertex_behind
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
 from unbend.tolerances import DEGENERATE_BASE, LONGEST_EDGE, NEEDLE
@@ -40,32 +39,32 @@ SLOTS: Final = 8
 
 A, B, P, AX, BX, BY, PX, PY = range(8)  # the rows of a block
 BLOCK_BYTES: Final = 8 * SLOTS * 4
-LINE_BYTES: Final = 64  # of a cache line
-_MOST_TRIED: Final = 64  # given triangles around a vertex that empty slots are offered to
+LINE_BYTES: Final = 64  # size of a cache line
+_MOST_TRIED: Final = 64  # most given triangles around a vertex that are considered for empty slots
 
 
 Triangles = tuple[Ints, Ints, Floats, Ints, Ints, Floats]
 """Arrays that `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and
-corners (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where they are
-no single closed fan, -1 where it is not known."""
+corners (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where they do
+not form a single closed fan, -1 where it is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stencils:
-    """All slots of a surface, and the triangles they were made of.
+    """All slots of a surface, and the triangles they come from.
 
-    Vertices are renumbered breadth first, so that a front touches memory that lies together: `place[v]` is the
-    number here of the surface's vertex v. Steiner points have numbers among them. Lengths are in units of the median
+    Vertices are renumbered breadth first, so that a front touches nearby memory: `place[v]` is the new number of the
+    surface's vertex v. Steiner points are numbered among them. Lengths are in units of the median
     edge, in single precision.
     """
 
     first: Ints  # (k + 1,) int32: vertex v has blocks first[v] to first[v + 1]
-    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; A takes in every neighbour; k where there is none
+    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; every neighbour is an A; k where there is none
     shapes: NDArray[np.float32]  # the same memory: rows AX to PY, coordinates of A, B and P
     place: Ints  # (n,) int32
     unit: float  # length of the median edge
     triangles: Triangles
-    points: Floats  # (n, 3): the surface's vertices, as it numbers them and in its units
+    points: Floats  # (n, 3): the surface's vertices, in its own numbering and units
 
     @property
     def vertex_count(self) -> int:
@@ -87,7 +86,7 @@ _built: WeakKeyDictionary[Surface, Stencils] = WeakKeyDictionary()
 
 
 def stencils_of(surface: Surface) -> Stencils:
-    """Return the stencils of `surface`, built at the first call and kept as long as it lives."""
+    """Return the stencils of `surface`, built at the first call and cached for the lifetime of the surface."""
     found = _built.get(surface)
     if found is None:
         found = _built[surface] = build_stencils(surface)
@@ -95,9 +94,9 @@ def stencils_of(surface: Surface) -> Stencils:
 
 
 def build_stencils(surface: Surface, *, intrinsic: bool = True) -> Stencils:
-    """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the flips its triangles need.
+    """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the necessary flips.
 
-    Without `intrinsic` they are those of the given triangles alone, for benchmarks.
+    Without `intrinsic` they use the given triangles only, for benchmarks.
     """
     unit = _median_edge(surface)
     given = half_edges_of(surface, unit)
@@ -119,7 +118,7 @@ def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: fl
     _fill(mesh.arrays, starts, around, order, place, first, corners, shapes, filled)
     if intrinsic.changed.any():
         given_starts, given_around = _corners_of_vertices(given.faces, count)
-        _fill_up(
+        _fill_empty(
             given.arrays, intrinsic.changed, given_starts, given_around, order, place, first, corners, shapes,
             filled,
         )  # fmt: skip
@@ -130,7 +129,7 @@ def _stencils(surface: Surface, given: HalfEdges, intrinsic: Intrinsic, unit: fl
 
 
 def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]:
-    """Return blocks that begin at cache lines, as their corners and as their shapes."""
+    """Return blocks aligned to cache lines, as corners and as shapes."""
     memory = np.empty(number * BLOCK_BYTES + LINE_BYTES, np.uint8)
     start = -memory.ctypes.data % LINE_BYTES
     corners = memory[start : start + number * BLOCK_BYTES].view(np.int32).reshape(number, 8, SLOTS)
@@ -140,14 +139,15 @@ def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]
 
 
 def _median_edge(surface: Surface) -> float:
-    """Return the length of the median edge; refuse a surface with one too long for single precision."""
+    """Return the length of the median edge; MeshGeometryError if an edge is too long for single precision."""
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces)
-    typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0  # a few long edges must not make others vanish
+    # The median, because a few long edges would raise the mean far above all others.
+    typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0
     longest = int(lengths.argmax())
     if lengths[longest] > LONGEST_EDGE * typical:
         raise MeshGeometryError(
             f"face {longest // 3} has an edge {lengths[longest] / typical:.3g} times as long as a typical one: "
-            f"distances are marched in single precision, which has room for {LONGEST_EDGE:.0e}"
+            f"distances are computed in single precision, which allows a ratio of {LONGEST_EDGE:.0e}"
         )
     return surface.scale * typical
 
@@ -188,8 +188,8 @@ def _placed_corners(starts, around, order):
 def _angles_around(mesh, starts, around, rank_of):
     """Return the angle around each vertex.
 
-    It is inf where the corners are no single closed fan of free edges, and -1 where a triangle has a side so short,
-    compared with the others, that its angles are rounding.
+    It is inf where the corners do not form a single closed fan of free edges, and -1 where a triangle has such a short
+    side, compared with the others, that its angles are rounding.
     """
     _, twins, lengths, free = mesh
     angles = np.zeros(len(starts) - 1)
@@ -201,7 +201,7 @@ def _angles_around(mesh, starts, around, rank_of):
             face, i = corner // 3, corner % 3
             side = 3 * face + (i + 2) % 3
             a, b, c = lengths[corner], lengths[3 * face + (i + 1) % 3], lengths[side]
-            total += np.arccos(min(1.0, max(-1.0, (b * b + c * c - a * a) / (2.0 * b * c)))) if b * c > 0.0 else 0.0
+            total += angle(b, c, a) if b * c > 0.0 else 0.0
             twin = twins[side]
             corner = 3 * (twin // 3) + (twin % 3 + 2) % 3
             back = corner == around[starts[vertex]]
@@ -247,7 +247,7 @@ def _breadth_first(faces, starts, around):
 
 @kernel
 def _count_blocks(mesh, starts, around, order, first):
-    """Count slots: one a triangle, and one for each side from the vertex that no other triangle has as its CA."""
+    """Count slots: one per triangle, and one per side from the vertex that is not the CA of another triangle."""
     _, _, _, free = mesh
     for rank in range(len(order)):
         vertex = order[rank]
@@ -262,7 +262,7 @@ def _count_blocks(mesh, starts, around, order, first):
 def _slot_of(mesh, half_edge):
     """Return the slot of the corner C opposite `half_edge`: A, B, P and their coordinates.
 
-    P is -1 where nothing comes over AB.
+    P is -1 if no front can cross AB.
     """
     faces, twins, lengths, _ = mesh
     face, corner = half_edge // 3, half_edge % 3
@@ -272,14 +272,14 @@ def _slot_of(mesh, half_edge):
     bx, by = 0.0, from_b
     if from_a > 0.0:
         bx, by = apex(from_b, base, from_a)
-    # Over a boundary edge nothing comes, over one without length only what comes along CA, and a needle's far end is
-    # too far to tell directions by: no segments.
+    # No front crosses a boundary edge. Over an edge of zero length it comes along CA. The far end of a needle is too
+    # far away to have a direction. None of these gets a P.
     p, px, py = -1, 0.0, 0.0
     if twins[half_edge] >= 0 and base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b):
         if by > 0.0:
             p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
-        if p < 0 or max(abs(px), abs(py)) > NEEDLE * min(from_a, from_b):  # the whole triangle, and one with no base
-            p, px, py = b, bx, by
+        if p < 0 or max(abs(px), abs(py)) > NEEDLE * min(from_a, from_b):
+            p, px, py = b, bx, by  # one half is then the whole triangle, the other is empty
     return a, b, p, from_a, bx, by, px, py
 
 
@@ -309,19 +309,19 @@ def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
 
 
 @kernel
-def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes, filled):
-    """Put given triangles that were replaced into empty slots.
+def _fill_empty(mesh, changed, starts, around, order, place, first, corners, shapes, filled):
+    """Fill empty slots with given triangles that were replaced.
 
-    Triangles whose A is no longer a neighbour come first, so that fronts may go along given edges; then those whose P
-    is farthest.
+    Triangles whose A is no longer a neighbour come first, so that fronts can follow given edges; then those with the
+    farthest P.
     """
     touched = _touched(mesh, changed, len(order))
     ends, places = np.empty((_MOST_TRIED, 3), np.int32), np.empty((_MOST_TRIED, 5), np.float32)
     merit = np.empty(_MOST_TRIED, np.float32)
     for rank in range(len(order)):
         c = order[rank]
-        slot, room = filled[rank], SLOTS * (first[rank + 1] - first[rank])
-        if not touched[c] or slot == room:
+        slot, capacity = filled[rank], SLOTS * (first[rank + 1] - first[rank])
+        if not touched[c] or slot == capacity:
             continue
         count = 0
         for index in range(starts[c], min(starts[c + 1], starts[c] + _MOST_TRIED)):
@@ -334,7 +334,7 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
                 places[count, 3], places[count, 4] = px, py
                 merit[count] = px * px + py * py if known == 1 else np.inf
                 count += 1
-        for _ in range(min(count, room - slot)):
+        for _ in range(min(count, capacity - slot)):
             best = np.argmax(merit[:count])
             block, lane = first[rank] + slot // SLOTS, slot % SLOTS
             corners[block, : P + 1, lane] = ends[best]
@@ -345,7 +345,7 @@ def _fill_up(mesh, changed, starts, around, order, place, first, corners, shapes
 
 @kernel
 def _touched(mesh, changed, count):
-    """Say which vertices have a slot among the given triangles that the intrinsic ones may not have, (count,)."""
+    """Return for each vertex whether its given triangles may have slots that the intrinsic ones lack, (count,)."""
     faces, twins, _, _ = mesh
     touched = np.zeros(count, np.bool_)
     for face in range(len(faces)):

@@ -1,4 +1,4 @@
-"""Laying triangles into the plane, one after the other over their shared edges."""
+"""Unfolding of triangles into the plane, one after the other over their shared edges."""
 
 from __future__ import annotations
 
@@ -24,6 +24,13 @@ def apex_beyond(ax, ay, bx, by, x, y, base):
     return ax + x * ex + y * ey, ay + x * ey - y * ex
 
 
+@inlined
+def angle(beside, other, opposite):
+    """Return the angle between two sides of a triangle: the law of cosines."""
+    cosine = (beside * beside + other * other - opposite * opposite) / (2.0 * beside * other)
+    return np.arccos(min(1.0, max(-1.0, cosine)))
+
+
 @kernel
 def half_edge_lengths(vertices, faces):
     """Return the length of each half-edge 3 f + i, which lies opposite corner i of face f, (3 m,)."""
@@ -40,16 +47,16 @@ def half_edge_lengths(vertices, faces):
 
 @kernel
 def vertex_behind(lengths, faces, twins, half_edge, ax, bx, by):
-    """Unfold over `half_edge`, away from the corner C opposite it, to the first vertex P that C looks at.
+    """Unfold over `half_edge`, away from the corner C opposite it, to the first vertex P that is visible from C.
 
     C is at the origin, the ends of the edge at A = (ax, 0) and B = (bx, by), by > 0. P must lie between the rays
-    from C to A and B; where C's angle is obtuse, so far between them that CP makes an acute angle with both
+    from C to A and B; where C's angle is obtuse, in the part between them where CP makes an acute angle with both
     (Kimmel & Sethian 1998, section 4.2).
 
     Returns
     -------
     (P, x, y)
-        P is -1 where a boundary, a triangle without a base or the number of steps ends the search.
+        P is -1 if a boundary, a triangle with a base of zero length or the number of steps ends the search.
     """
     ay = 0.0
     right_x, right_y, left_x, left_y = ax, ay, bx, by
@@ -65,7 +72,7 @@ def vertex_behind(lengths, faces, twins, half_edge, ax, bx, by):
         face, corner = twin // 3, twin % 3
         p = faces[face, corner]
         following, before = 3 * face + (corner + 1) % 3, 3 * face + (corner + 2) % 3
-        reversed_ = faces[face, (corner + 1) % 3] == a  # the two triangles are not oriented alike
+        reversed_ = faces[face, (corner + 1) % 3] == a  # the two triangles have opposite orientations
         beside_a, beside_b = (before, following) if reversed_ else (following, before)
         if base <= DEGENERATE_BASE * (lengths[beside_a] + lengths[beside_b]):
             break

@@ -1,8 +1,8 @@
-"""How a front crosses one segment of a stencil: the two update equations of fast marching.
+"""The two update equations of fast marching, for one segment of a stencil.
 
-All take distances u1 and u2 at a segment's ends and the segment's place in the frame of the corner C it is seen from:
-its squared length, and C's coordinates along and across it, both multiplied by its length (so that no root is
-needed). They return inf where the front reaches C from outside the segment.
+Each takes distances u1 and u2 at a segment's ends and the segment's position relative to the corner C: its squared
+length, and C's coordinates along and across it, both multiplied by its length (which avoids a square root). It returns
+inf if the front reaches C from outside the segment.
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ _MARGIN = np.float32(-RAY_MARGIN)
 
 @inlined
 def spherical_squared(u1, u2, squared, along, across):
-    """Squared distance of C from the virtual point source that is u1 and u2 from the ends (Novotni & Klein 2002).
+    """Return the squared distance of C from the virtual source u1 and u2 from the ends (Novotni & Klein 2002).
 
-    The source lies as far behind the segment as its distances from the ends say; the ray from it to C must meet
-    the segment.
+    The source lies behind the segment at the given distances from its ends; the ray from it to C must meet the segment.
     """
     foot = _HALF * ((u1 - u2) * (u1 + u2) + squared)
     square = u1 * u1 * squared - foot * foot
@@ -34,13 +33,13 @@ def spherical_squared(u1, u2, squared, along, across):
     offset = foot - along
     value = (offset * offset + height * height) / squared
     meets = (crossing >= _MARGIN * end) & (crossing <= end) & (height > _ZERO) & (squared > _ZERO)
-    causal = (value >= u1 * u1) & (value >= u2 * u2)  # later than both, or it may not count on them
+    causal = (value >= u1 * u1) & (value >= u2 * u2)  # C is reached after both ends, otherwise it cannot depend on them
     return value if meets & causal else _NONE
 
 
 @inlined
 def planar(u1, u2, squared, along, across):
-    """Distance of C from a straight front through the segment's ends (Kimmel & Sethian 1998, section 4.1).
+    """Return the distance of C from a straight front through the segment's ends (Kimmel & Sethian 1998, section 4.1).
 
     The front's gradient along the segment is (u2 - u1) / length; the ray back from C must meet the segment.
     """
@@ -56,7 +55,7 @@ def planar(u1, u2, squared, along, across):
 
 @inlined
 def spherical_slot(ua, ub, up, ax, bx, by, px, py):
-    """Distance of C through a slot (see `stencils`): between A and P, between P and B, or along CA or CP."""
+    """Return the distance of C through a slot (see `stencils`): between A and P, between P and B, or along CA or CP."""
     ex, ey = bx - px, by - py
     near_a = spherical_squared(ua, up, (px - ax) * (px - ax) + py * py, ax * (ax - px), ax * py)
     near_b = spherical_squared(up, ub, ex * ex + ey * ey, -(px * ex + py * ey), px * by - py * bx)
@@ -69,10 +68,10 @@ def spherical_slot(ua, ub, up, ax, bx, by, px, py):
 
 @inlined
 def planar_slot(ua, ub, up, ax, bx, by, px, py):
-    """Distance of C through a slot, divided where its angle is obtuse, as Kimmel & Sethian do.
+    """Return the distance of C through a slot, split if its angle is obtuse, as Kimmel & Sethian do.
 
-    CP is an edge of both halves, so the front may come along it, too. The whole triangle stays, for it is exact where
-    both its ends are known in time. P at the origin says that nothing comes over AB.
+    CP is an edge of both halves, so the front may also follow it. The whole triangle is used too, because it is exact
+    if both its ends are known in time. P at the origin means that no front crosses AB.
     """
     ex, ey = bx - ax, by
     whole = planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by)

@@ -1,4 +1,4 @@
-"""Distances from several sources at once, and which is nearest: the geodesic Voronoi diagram."""
+"""The geodesic Voronoi diagram: the nearest of several sources for each vertex, and its distance."""
 
 from __future__ import annotations
 
@@ -19,30 +19,38 @@ from unbend.mesh.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class VoronoiDiagram:
-    """The cells of a surface's vertices about sources."""
+    """The geodesic Voronoi cells of sources, as sets of vertices."""
 
-    distances: Floats  # (n,) to the nearest source, in units of the vertices; inf where none can be reached
-    nearest: Ints  # (n,) int32: place of the nearest one among the sources; -1 where none can be reached
-    areas: Floats  # (k,) of the cells, a third of each triangle going to each of its corners
+    distances: Floats  # (n,) to the nearest source, in units of the vertices; inf where none is reachable
+    nearest: Ints  # (n,) int32: index of the nearest one among the sources; -1 where none is reachable
+    areas: Floats  # (k,) areas of the cells; each corner of a triangle counts for a third of it
 
 
 def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "spherical") -> VoronoiDiagram:
-    """Divide a surface among sources: each vertex goes to the one that is nearest along the surface.
+    """Divide a surface among sources: each vertex belongs to the one that is nearest along the surface.
 
-    Each source's front stops where an earlier one's was nearer, so the whole costs little more than a few fronts.
+    Each source's front stops where an earlier source is nearer, so the total time is little more than that of a few
+    fronts.
 
     Parameters
     ----------
     surface : Surface
     sources : int or (k,) array of int
-        Vertex indices. Of equally near sources, or of one given twice, the first has the vertex.
+        Vertex indices. A vertex equally near to several sources, or to one given twice, belongs to the first.
     update : {"spherical", "planar"}, default "spherical"
-        As in `geodesic_distances`.
+        See `geodesic_distances`.
 
     Raises
     ------
     ParameterError
         If a source is not a vertex, or `update` is not one of the values above.
+
+    Examples
+    --------
+    >>> from unbend.mesh.shapes import sphere
+    >>> diagram = geodesic_voronoi(sphere(), [0, 1])
+    >>> sorted(set(diagram.nearest.tolist()))
+    [0, 1]
     """
     check_update(update)
     stencils = stencils_of(surface)
@@ -54,9 +62,14 @@ def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "
         distance, owner, np.empty(count, np.int32), SLOTS, start_arrays(count), front_arrays(count),
     )  # fmt: skip
     nearest = owner[stencils.place]
-    held = nearest >= 0
-    areas = np.bincount(nearest[held], surface.vertex_areas[held], minlength=len(chosen)).astype(np.float64)
+    areas = cell_areas(surface, nearest, len(chosen))
     return VoronoiDiagram(distance[stencils.place].astype(np.float64) * stencils.unit, nearest, areas)
+
+
+def cell_areas(surface: Surface, nearest: Ints, count: int) -> Floats:
+    """Return the area of each of `count` cells, (count,), from the cell that each vertex is in, -1 for none."""
+    reached = nearest >= 0
+    return np.bincount(nearest[reached], surface.vertex_areas[reached], minlength=count).astype(np.float64)
 
 
 @kernel

@@ -1,7 +1,7 @@
-"""Jobs: a durable queue worked off by a pool of processes, with progress and cancellation."""
+"""Jobs: a durable queue, a pool of worker processes, progress and cancellation."""
 
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import JobObserver
-from unbend.jobs.runner import JobRunner, Upload
+from unbend.jobs.runner import JobRunner
 
-__all__ = ["JobLimits", "JobObserver", "JobRunner", "Upload"]
+__all__ = ["JobLimits", "JobObserver", "JobRunner"]

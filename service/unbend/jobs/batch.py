@@ -1,4 +1,4 @@
-"""Signatures of many files at once, without a queue or a store: for the command line."""
+"""Signatures of many files on all cores, without a queue or a store: for the command line."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from unbend.jobs.process import WorkerProcess
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.signature.dimensions import moments_over_dimensions
+from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Parameters
-from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
 from unbend.threads import available_cores
 
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 def compute_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> Signature:
     """Return the signature of the mesh at `path`."""
-    return compute_signature(read_mesh(path, policy=policy), parameters, threads=1)
+    return signature_of_file(path, parameters, policy, threads=1).signature
 
 
 def dimensions_of_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> dict[Method, Floats]:
@@ -38,7 +38,7 @@ def dimensions_of_path(path: Path, parameters: Parameters, policy: MeshPolicy | 
 def compute_paths(
     paths: Sequence[Path], parameters: Parameters, policy: MeshPolicy | None = None
 ) -> Iterator[Signature | UnbendError]:
-    """Yield, for each path in order, its signature or the error that stands in its way."""
+    """Yield, for each path in order, its signature or the error that prevents it."""
     return compute_each(compute_path, paths, parameters, policy)
 
 
@@ -48,9 +48,9 @@ def compute_each(
     parameters: Parameters,
     policy: MeshPolicy | None = None,
 ) -> Iterator[T | UnbendError]:
-    """Yield, for each path in order, what `compute` returns or the error that stands in its way.
+    """Yield, for each path in order, the result of `compute` or the error that prevents it.
 
-    A process for every core; one that dies costs its own file only.
+    Each core has a process; one that dies loses only its own file.
     """
     count = min(available_cores(), max(1, len(paths)))
     free: SimpleQueue[WorkerProcess] = SimpleQueue()

@@ -1,4 +1,4 @@
-"""What one job, its process, and the queue may take."""
+"""Limits on jobs, their processes and the queue."""
 
 from __future__ import annotations
 
@@ -17,42 +17,47 @@ from unbend.mesh.limits import MeshLimits
 MESH_LIMITS: Final = MeshLimits(vertices=2_000_000, faces=4_000_000)
 
 _NICE: Final = 5
-"""The server answers while all cores compute: the system is told whose turn comes first."""
+"""Niceness of workers: the server must respond while all cores compute."""
 
-_FIRST_TO_GO: Final = "500"
-"""Where the machine runs out of memory the system ends a worker before the server, which would lose them all."""
+_OOM_SCORE: Final = "500"
+"""Score for the system's out-of-memory killer: it must kill a worker before the server."""
 
 
 @dataclass(frozen=True)
 class JobLimits:
-    """What one job, and the queue, may take."""
+    """Limits on jobs and the queue."""
 
     seconds: float = 600.0
+    """Time of a job."""
     memory_mb: int | None = 8192
+    """Address space of a worker, in megabytes; None for no limit."""
     queued: int = 10_000
+    """Queued jobs."""
     attempts: int = 2
-    """Times a job is begun before the loss of its process is its failure."""
+    """Attempts at a job whose process dies."""
     restarts: int = 10
-    """Times the whole server may be lost while a job is in hand: seldom that job's fault, but it may be."""
+    """Restarts of a job whose server dies. Few jobs kill a server, but some may."""
     drain_seconds: float = 20.0
+    """Time that a stopping server gives running jobs."""
     call_seconds: float = 60.0
-    """That a call past the queue may take, waiting included."""
+    """Time of a call without the queue, including its wait."""
     calls: int = 32
-    """Calls past the queue that may wait."""
+    """Waiting and running calls in a lane."""
     mesh: MeshLimits = MESH_LIMITS
+    """Vertices and faces of a mesh."""
     history: int = 100_000
-    """Jobs that have ended and are kept."""
+    """Stored jobs that have ended."""
     history_days: float = 0.0
-    """Days that a job is kept after its end; 0 for no limit."""
+    """Days that an ended job is stored; 0 for no limit."""
 
 
 def limit_process(memory_bytes: int | None) -> None:
-    """Prepare a worker: one thread for each library, no more memory than allowed."""
-    threadpool_limits(1)  # the pool has a process for every core
+    """Limit a worker to one thread and to its memory, and lower its priority."""
+    threadpool_limits(1)  # the pool has one process for each core
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO)
+        Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
     if memory_bytes:
-        with contextlib.suppress(ValueError, OSError):  # systems that do not limit address space
+        with contextlib.suppress(ValueError, OSError):  # some systems cannot limit address space
             resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))

@@ -1,4 +1,4 @@
-"""What the job runner tells to whoever keeps figures of it."""
+"""Observers of jobs: the interface of metrics and traces."""
 
 from __future__ import annotations
 
@@ -8,67 +8,64 @@ from typing import Final, Protocol
 
 from unbend.library.records import JobRecord
 
-STAGES: Final = ("starting", "reading", "repairing", "sampling", "geodesics", "embedding", "describing")
-"""What a running job is at, in this order."""
-
 CURRENT_JOB: Final[ContextVar[str | None]] = ContextVar("unbend job", default=None)
-"""The job that a line of the log is about."""
+"""The id of the job that log lines of this task are about."""
 
 
 class JobObserver(Protocol):
-    """Keeps figures; called from any thread, so it must be safe there, and quick."""
+    """Observes jobs. Any thread may call it, so it must be thread-safe, and fast."""
 
     def submitted(self, job: JobRecord) -> None:
-        """Take note of a new job that is on disk, in the context of who submits it and before anybody can begin it."""
+        """Observe a new job that is on disk and cannot have started, in the context of its request."""
 
     def begun(self, job: JobRecord) -> None:
-        """Take note of an attempt at a job."""
+        """Observe the start of an attempt at a job."""
 
     def ended(self, job: JobRecord) -> None:
-        """Take note of a job that has just ended, however it did."""
+        """Observe the end of a job in any state."""
 
     def computed(self, seconds: Mapping[str, float]) -> None:
-        """Take note of how long each stage of a computation took."""
+        """Observe the time of each stage of a computation, in seconds."""
 
 
 class NoObserver:
-    """Keeps nothing; those who keep some of it begin here."""
+    """Ignores everything; a base for observers of some events."""
 
     def submitted(self, job: JobRecord) -> None:
-        """Forget it."""
+        """Ignore it."""
 
     def begun(self, job: JobRecord) -> None:
-        """Forget it."""
+        """Ignore it."""
 
     def ended(self, job: JobRecord) -> None:
-        """Forget it."""
+        """Ignore it."""
 
     def computed(self, seconds: Mapping[str, float]) -> None:
-        """Forget it."""
+        """Ignore it."""
 
 
 class Observers:
-    """Several as one."""
+    """Several observers as one."""
 
     def __init__(self, *observers: JobObserver) -> None:
         self._observers = observers
 
     def submitted(self, job: JobRecord) -> None:
-        """Tell all."""
+        """Notify every observer."""
         for observer in self._observers:
             observer.submitted(job)
 
     def begun(self, job: JobRecord) -> None:
-        """Tell all."""
+        """Notify every observer."""
         for observer in self._observers:
             observer.begun(job)
 
     def ended(self, job: JobRecord) -> None:
-        """Tell all."""
+        """Notify every observer."""
         for observer in self._observers:
             observer.ended(job)
 
     def computed(self, seconds: Mapping[str, float]) -> None:
-        """Tell all."""
+        """Notify every observer."""
         for observer in self._observers:
             observer.computed(seconds)

@@ -21,13 +21,13 @@ _START_ATTEMPTS: Final = 3
 
 
 class WorkerPool:
-    """Processes that compute; one that dies takes only its own task with it. Used within one event loop.
+    """Worker processes; one that dies loses only its own task. Used within one event loop.
 
     Parameters
     ----------
     workers : int
     memory_mb : int or None
-        Megabytes of address space that each process may use.
+        Address space of each process, in megabytes; None for no limit.
     """
 
     def __init__(self, workers: int, memory_mb: int | None) -> None:
@@ -40,7 +40,7 @@ class WorkerPool:
             self._free.put_nowait(worker)
 
     async def start(self) -> None:
-        """Start every process, and wait until it is ready."""
+        """Start every process, and wait until all are ready."""
         try:
             await asyncio.gather(*(self._start_one() for _ in self._workers))
         except Exception:
@@ -69,16 +69,16 @@ class WorkerPool:
         Parameters
         ----------
         function, arguments
-            They travel to the process, and the result back.
+            Pickled, as is the result.
         seconds : float
-            That it may run, from when it has a process that is ready.
+            Longest time of the run, from the moment that its process is ready.
         listener : callable, optional
-            Called, in a thread, with what the function tells.
+            Called, in a thread, with each message that the function sends.
 
         Raises
         ------
         JobTimeoutError
-            If it ran longer than `seconds`; its process was killed.
+            If it ran longer than `seconds`; its process is killed.
         WorkerLostError
             If its process died.
         Exception
@@ -94,8 +94,8 @@ class WorkerPool:
 
         running = loop.run_in_executor(self._threads, worker.run, function, arguments, listener, begun)
         running.add_done_callback(deadline.end)
-        # Not before its thread is done with it, also where nobody waits for that any more.
-        running.add_done_callback(partial(self._take_back, worker))
+        # Only when its thread has finished, even if the caller no longer waits.
+        running.add_done_callback(partial(self._release, worker))
         try:
             return await asyncio.shield(running)
         except asyncio.CancelledError:
@@ -103,27 +103,27 @@ class WorkerPool:
                 worker.kill()
             raise
         except WorkerLostError:
-            if deadline.passed:
+            if deadline.expired:
                 raise JobTimeoutError(f"the job ran longer than {seconds:g} seconds") from None
             raise
 
-    def _take_back(self, worker: WorkerProcess, running: asyncio.Future[Any]) -> None:
+    def _release(self, worker: WorkerProcess, running: asyncio.Future[Any]) -> None:
         if not running.cancelled():
-            running.exception()  # looked at, so that asyncio does not complain where nobody else does
+            running.exception()  # retrieved, so that asyncio does not warn about an unretrieved exception
         self._free.put_nowait(worker)
 
     def stop(self) -> None:
-        """End all processes, whatever they do."""
+        """Kill all processes."""
         for worker in self._workers:
             worker.end()
         self._threads.shutdown()
 
 
 class _Deadline:
-    """Kills a worker when its time is over."""
+    """A timer that kills a worker after its time."""
 
     def __init__(self, worker: WorkerProcess, seconds: float) -> None:
-        self.passed = False
+        self.expired = False
         self._worker = worker
         self._seconds = seconds
         self._timer: asyncio.TimerHandle | None = None
@@ -131,17 +131,17 @@ class _Deadline:
 
     def begin(self) -> None:
         if not self._ended and self._seconds < math.inf:
-            self._timer = asyncio.get_running_loop().call_later(self._seconds, self._pass)
+            self._timer = asyncio.get_running_loop().call_later(self._seconds, self._expire)
 
     def end(self, _running: asyncio.Future[Any]) -> None:
         self._ended = True
         if self._timer:
             self._timer.cancel()
 
-    def _pass(self) -> None:
-        self.passed = True
+    def _expire(self) -> None:
+        self.expired = True
         self._worker.kill()
 
 
 def _do_nothing() -> None:
-    """Do what a process can do as soon as it is ready."""
+    """Do nothing: returns as soon as the process is ready."""

@@ -1,7 +1,7 @@
-"""One worker process: it runs one function at a time, and can be ended at any moment without harm to others.
+"""A worker process that runs one function at a time, and can be killed at any moment without harm to others.
 
-It shares no pipe and no lock with another. Where processes do, one that is killed while it holds a lock, or in the
-middle of a message, leaves the others waiting for ever (docs/decisions.md).
+It shares no pipe and no lock with other workers. In pools that share them, a process that is killed while it holds a
+lock, or in the middle of a message, leaves the others waiting for ever (docs/decisions.md).
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ Listener = Callable[[Any], None]
 
 _CONTEXT: Final = multiprocessing.get_context("spawn")  # the server has threads, so it must not be forked
 _STARTING: Final = threading.Lock()
-"""Processes are started one by one: what multiprocessing keeps of its children is not made for several threads."""
+"""Starts processes one at a time, because the tables that multiprocessing keeps of its children are not thread-safe."""
 
 _END_SECONDS: Final = 10.0
 
 _ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals to end that a worker leaves to the server."""
+"""Signals that a worker ignores, because the server ends its workers."""
 
 
-_TRIES: Final = 3
-_SIGN_SECONDS: Final = 1.0
+_ATTEMPTS: Final = 3
+_HEARTBEAT_SECONDS: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class _Raised:
 
 
 @dataclass(frozen=True)
-class _Told:
-    news: Any
+class _Message:
+    content: Any
 
 
 @dataclass(frozen=True)
@@ -74,26 +74,26 @@ class _Child:
     process: SpawnProcess
     pipe: Connection
 
-    def bury(self) -> None:
-        """Clear away what has ended, or is no use any more."""
+    def discard(self) -> None:
+        """Kill the process if it still runs, and release its resources."""
         self.pipe.close()
         self.process.kill()
         self.process.join(_END_SECONDS)
 
 
 class WorkerProcess:
-    """A process, started when first needed, and another in its place when it has died.
+    """A process that starts when first needed, and is replaced when it dies.
 
-    `run` is for one thread at a time; `kill` may be called from any.
+    Only one thread may call `run` at a time; any thread may call `kill`.
 
     Parameters
     ----------
     initialise : callable
         Called in the process before anything else.
     silent_seconds : float, default 60
-        A process that starts gives a sign each second. One that gives none for so long is replaced.
+        A starting process sends a heartbeat every second. It is replaced after this time without one.
     answer_seconds : float, default 10
-        A process that does not take a function in this time is replaced.
+        A process that does not accept a function within this time is replaced.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class WorkerProcess:
         _ALL.add(self)
 
     def prepare(self) -> None:
-        """Forget an earlier `kill`: what follows is about the next `run`."""
+        """Cancel the effect of an earlier `kill` on the next `run`."""
         self._killed = False
 
     def run(
@@ -124,11 +124,11 @@ class WorkerProcess:
         Parameters
         ----------
         function, arguments
-            They travel to the process, and the result back.
+            Pickled, as is the result.
         listener : callable, optional
-            Called with what the function tells meanwhile.
+            Called with each message that the function sends.
         begun : callable, optional
-            Called when the process is there and has begun.
+            Called when the process has begun.
 
         Raises
         ------
@@ -141,10 +141,10 @@ class WorkerProcess:
         if begun:
             begun()
         try:
-            while isinstance(message := child.pipe.recv(), _Told):
+            while isinstance(message := child.pipe.recv(), _Message):
                 if listener:
-                    listener(message.news)
-        except Exception as error:  # the pipe has ended, perhaps within a message
+                    listener(message.content)
+        except Exception as error:  # the pipe closed, perhaps within a message
             self._replace(child)
             raise WorkerLostError("the process that ran the job died") from error
         if isinstance(message, _Raised):
@@ -153,7 +153,7 @@ class WorkerProcess:
         return result
 
     def kill(self) -> None:
-        """Have the `run` that is under way, or about to begin, raise; a process that has its function is ended."""
+        """Make the present or next `run` raise; a process that runs a function is killed."""
         with self._guard:
             self._killed = True
             if self._child and self._is_ready:
@@ -169,8 +169,8 @@ class WorkerProcess:
             self._child.process.join(_END_SECONDS)
 
     def _given(self, function: Callable[..., T], arguments: tuple[object, ...]) -> _Child:
-        """Return a process that has been given the function."""
-        for _ in range(_TRIES):  # one that died, or stood still, while it had nothing to do is nobody's loss
+        """Return a process that has begun the function."""
+        for _ in range(_ATTEMPTS):  # a process that died or hung while idle costs the job nothing
             child = self._child if self._child and self._child.process.is_alive() else self._begin()
             try:
                 self._await_ready(child)
@@ -181,7 +181,7 @@ class WorkerProcess:
                 self._replace(child)
             if self._killed:
                 break
-        raise WorkerLostError("no process could be had for the job")
+        raise WorkerLostError("no process could be started for the job")
 
     def _await_ready(self, child: _Child) -> None:
         while not self._is_ready:
@@ -190,7 +190,7 @@ class WorkerProcess:
             self._is_ready = child.pipe.recv() is None
 
     def _hand_over(self, child: _Child, function: Callable[..., T], arguments: tuple[object, ...]) -> None:
-        """Give a process its function, and wait until it has begun: its fate from then on is the function's."""
+        """Send a process its function, and wait until it has begun: from then on its death is a failed attempt."""
         alarm = threading.Timer(self._answer_seconds, child.process.kill)
         alarm.daemon = True
         alarm.start()
@@ -206,16 +206,16 @@ class WorkerProcess:
             if self._ended:
                 raise WorkerLostError("the pool was stopped")
             process = _CONTEXT.Process(target=_serve, args=(theirs, self._initialise), daemon=True)
-            with _held_back():
+            with _signals_blocked():
                 process.start()
             self._child, self._is_ready = _Child(process, ours), False
-        theirs.close()  # so that its end is the end of the pipe
+        theirs.close()  # so that the pipe closes when the process ends
         return self._child
 
     def _replace(self, child: _Child) -> None:
-        child.bury()
+        child.discard()
         if not self._ended:
-            self._begin()  # at once: it makes itself ready while nobody waits for it
+            self._begin()  # at once, so that it is ready before the next job
 
 
 _ALL: Final[weakref.WeakSet[WorkerProcess]] = weakref.WeakSet()
@@ -223,14 +223,14 @@ _ALL: Final[weakref.WeakSet[WorkerProcess]] = weakref.WeakSet()
 
 @atexit.register
 def _end_all() -> None:
-    """End what is left: multiprocessing would ask with SIGTERM, which workers ignore, and wait."""
+    """Kill the remaining workers: multiprocessing would send SIGTERM, which they ignore, and wait."""
     for worker in list(_ALL):
         worker.end()
 
 
 @contextmanager
-def _held_back() -> Iterator[None]:
-    """Hold signals to end back from this thread, and from a process that is started meanwhile."""
+def _signals_blocked() -> Iterator[None]:
+    """Block the ending signals in this thread, and in processes that it starts meanwhile."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
     try:
         yield
@@ -241,22 +241,22 @@ def _held_back() -> Iterator[None]:
 _PIPE: Connection | None = None
 
 
-def tell(news: object) -> None:
-    """Tell the listener of the function that runs in this process, if this is a worker."""
+def send_message(content: object) -> None:
+    """Send a message to the listener of the function that runs in this process, if this is a worker."""
     if _PIPE is not None:
-        _PIPE.send(_Told(news))
+        _PIPE.send(_Message(content))
 
 
 def _serve(pipe: Connection, initialise: Callable[[], None]) -> None:
-    """Run what comes through the pipe until it ends."""
+    """Run the functions that come through the pipe, until it closes."""
     global _PIPE  # noqa: PLW0603
-    # They come to the whole process group, or control group. The server ends its workers when their jobs are done.
+    # The system sends these to the whole process group. The server ends its workers once their jobs are done.
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     watch = _Watch(pipe)
     initialise()
-    watch.tell_ready()
+    watch.report_ready()
     _PIPE = pipe
     while True:
         try:
@@ -268,9 +268,9 @@ def _serve(pipe: Connection, initialise: Callable[[], None]) -> None:
 
 
 class _Watch:
-    """A thread of a worker that gives signs of life until it is ready, and ends it when its parent has ended.
+    """A thread of a worker that sends heartbeats until it is ready, and exits the process when its parent ends.
 
-    To load kernels takes seconds, to compile them minutes. However the parent ended, nobody wants the work any more.
+    Loading kernels takes seconds, compiling them minutes. Without a parent nobody wants the result.
     """
 
     def __init__(self, pipe: Connection) -> None:
@@ -279,13 +279,13 @@ class _Watch:
         self._is_ready = threading.Event()
         threading.Thread(target=self._run, daemon=True).start()
 
-    def tell_ready(self) -> None:
+    def report_ready(self) -> None:
         with self._lock:
             self._is_ready.set()
             self._pipe.send(None)
 
     def _run(self) -> None:
-        while not self._is_ready.wait(_SIGN_SECONDS):
+        while not self._is_ready.wait(_HEARTBEAT_SECONDS):
             with self._lock, contextlib.suppress(OSError):  # the parent has ended
                 if not self._is_ready.is_set():
                     self._pipe.send(_Starting())
@@ -299,18 +299,20 @@ def _outcome(function: Callable[..., Any], arguments: tuple[object, ...]) -> _Do
     try:
         return _Done(function(*arguments))
     except Exception as error:  # noqa: BLE001  it is raised in the process that asked
-        # Tracebacks do not travel; as a note this one is logged where the error is.
+        # Tracebacks cannot be pickled; as a note, this one is logged with the error.
         error.add_note("".join(traceback.format_exception(error)))
         return _Raised(error)
 
 
 def _send(pipe: Connection, outcome: _Done | _Raised) -> None:
-    """Send what came of a function, or else that it cannot be sent."""
+    """Send the outcome of a function, or an error if it cannot be pickled."""
     try:
         data = ForkingPickler.dumps(outcome)
         if isinstance(outcome, _Raised):
-            ForkingPickler.loads(data)  # an exception may go and not arrive: made of other arguments than it keeps
-    except Exception as error:  # noqa: BLE001  whatever stands in the way, somebody waits for an answer
+            ForkingPickler.loads(
+                data
+            )  # some exceptions pickle but do not unpickle, because their constructors take other arguments
+    except Exception as error:  # noqa: BLE001  the parent waits for an outcome in any case
         what = outcome.error if isinstance(outcome, _Raised) else outcome.result
         data = ForkingPickler.dumps(_Raised(TypeError(f"{type(what).__name__} cannot be sent: {error}: {what!r:.500}")))
     pipe.send_bytes(data)

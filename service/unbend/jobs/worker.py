@@ -1,4 +1,4 @@
-"""What runs inside a worker process: the only place where an uploaded file is parsed."""
+"""The functions that run inside a worker process: the only place that parses an uploaded file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.limits import limit_process
-from unbend.jobs.progress import StageClock
+from unbend.jobs.reporting import ProgressReporter
 from unbend.library import Library
-from unbend.library.engine import must_be_there
-from unbend.library.overview import Shown
-from unbend.library.payload import PackedSignature
-from unbend.library.shapes import get_mesh
+from unbend.library.packing import PackedSignature
+from unbend.library.requests import FileCall, FileRequest, UploadKey
+from unbend.library.search import MapOptions
+from unbend.library.shape_rows import ComputedShape
+from unbend.library.storage.database import must_exist
 from unbend.matching.measures import MEASURES, compare
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex
 from unbend.mesh.limits import MeshLimits
@@ -27,9 +28,11 @@ from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
+from unbend.progress import Progress
 from unbend.signature.canonical_form import canonical_form
 from unbend.signature.export import export_form
 from unbend.signature.flattening import export_flattening, flatten
+from unbend.signature.from_file import FileSignature, signature_of_file
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
@@ -39,81 +42,93 @@ _TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\
 
 @dataclass(frozen=True)
 class StoredMesh:
-    """Where a mesh file is, its format where the content does not tell, and how it is read.
+    """A stored mesh file, and how to read it."""
 
-    One that was read once already needs no limits.
-    """
-
-    store_url: str
+    library_url: str
     sha256: str
     file_type: str
+    """Its format, for content that does not tell."""
     policy: MeshPolicy
     limits: MeshLimits | None = None
+    """None for a file that was read before."""
 
 
 @dataclass(frozen=True)
-class Task:
-    """A job, as much as a worker needs of it."""
+class ShapeOutcome:
+    """The results of an upload, ready to store."""
 
-    mesh: StoredMesh
-    parameters: str
+    shape: ComputedShape
+    seconds: Mapping[str, float]
+    """Time of each stage."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What a worker computed."""
+class QueryOutcome:
+    """The signature of a query."""
 
-    signature: PackedSignature
-    area: float
-    report: dict[str, Any]
-    seconds: dict[str, float]
-    """That each stage took."""
+    signature: Signature
+    seconds: Mapping[str, float]
+    """Time of each stage."""
 
 
 @dataclass(frozen=True)
 class Geodesics:
-    """Distances from a vertex of a file to all of them, None where it cannot reach, and the path to one of them."""
+    """Distances from a vertex of a file to all its vertices, None for unreachable ones, and a path to one of them."""
 
     distances: list[float | None]
     path: list[list[float]] | None
 
 
 def initialise(memory_bytes: int | None) -> None:
-    """Prepare a process that computes jobs: nobody's first job is to wait for kernels to be compiled or loaded."""
+    """Prepare a worker process, and load its kernels, so that no job waits for that."""
     limit_process(memory_bytes)
     warm_up()
 
 
-def compute(task: Task) -> Outcome:
-    """Read the job's mesh from the store and compute its signature.
+def compute_shape(mesh: StoredMesh, parameters: Parameters) -> ShapeOutcome:
+    """Read a stored mesh and compute its signature for the library.
 
     Raises
     ------
     MeshError
         If the mesh cannot be used.
     JobMemoryError
-        If it asks for more memory than allowed.
+        If it needs more memory than allowed.
     """
-    parameters = Parameters.from_json(task.parameters)
-    with StageClock() as clock:
+    found, seconds = _compute(mesh, parameters)
+    key = UploadKey.of(mesh.sha256, parameters, mesh.policy)
+    packed, surface = PackedSignature.of(found.signature), found.surface
+    return ShapeOutcome(ComputedShape(key, packed, surface.area, surface.report.as_dict()), seconds)
+
+
+def compute_query(mesh: StoredMesh, parameters: Parameters) -> QueryOutcome:
+    """Read a stored mesh and compute its signature for a query; raises as `compute_shape` does."""
+    found, seconds = _compute(mesh, parameters)
+    return QueryOutcome(found.signature, seconds)
+
+
+def _compute(mesh: StoredMesh, parameters: Parameters) -> tuple[FileSignature, Mapping[str, float]]:
+    with ProgressReporter() as reporter:
         try:
-            surface = _read(task.mesh, clock.begin)
-            signature = compute_signature(surface, parameters, progress=clock.report, threads=1)
+            found = signature_of_file(
+                _file(mesh), parameters, mesh.policy, file_type=mesh.file_type, limits=mesh.limits,
+                progress=reporter.report, threads=1,
+            )  # fmt: skip
         except Exception as error:
-            clock.tell()  # where it failed
+            reporter.send()  # the stage that failed
             if isinstance(error, MemoryError):
                 raise JobMemoryError("the mesh needs more memory than a job may use") from None
             raise
-    return Outcome(PackedSignature.of(signature), surface.area, surface.report.as_dict(), clock.seconds())
+    return found, reporter.seconds()
 
 
 def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | None = None) -> Geodesics:
-    """Return the geodesics of a stored mesh from one vertex of its file.
+    """Return the geodesic distances of a stored mesh from one vertex of its file, and a path to another.
 
     Raises
     ------
     UnsuitedError
-        If `source` or `target` is not a vertex of the file, vanished when it was simplified, or no path joins them.
+        If `source` or `target` is no vertex of the file, simplification removed it, or no path joins them.
     """
     surface = _read(mesh)
     start = surface_vertex(surface, source, "source")
@@ -126,7 +141,7 @@ def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | 
 
 
 def convert(mesh: StoredMesh, file_type: str) -> bytes:
-    """Return a stored mesh in another format, as it was after reading and repair."""
+    """Return a stored mesh, after reading and repair, in another format."""
     surface = _read(mesh)
     return write_mesh(surface.vertices, surface.faces, file_type)
 
@@ -141,22 +156,12 @@ def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes
     return export_flattening(flatten(_read(mesh), parameters, threads=1), file_type)
 
 
-@dataclass(frozen=True)
-class FileTask:
-    """A file to make of a stored mesh."""
-
-    mesh: StoredMesh
-    call: str
-    """A name of `FILE_CALLS`."""
-    arguments: dict[str, Any]
-
-
-def make_file(task: FileTask) -> bytes:
+def make_file(mesh: StoredMesh, request: FileRequest) -> bytes:
     """Make a file of a stored mesh, as a job."""
-    with StageClock() as clock:
-        clock.begin("reading")
-        clock.tell()
-        return FILE_CALLS[task.call](task.mesh, **task.arguments)
+    with ProgressReporter() as reporter:
+        reporter.report(Progress("reading"))
+        reporter.send()
+        return _FILE_CALLS[request.call](mesh, **request.arguments)
 
 
 def _geodesics_file(mesh: StoredMesh, update: Update, source: int, target: int | None) -> bytes:
@@ -169,26 +174,25 @@ def _flattening_file(mesh: StoredMesh, parameters: dict[str, Any], file_type: st
 
 
 def _form_file(mesh: StoredMesh, shape_id: str, file_type: str) -> bytes:
-    return whole_form(mesh, _library(mesh.store_url).signature(shape_id), file_type)
+    return whole_form(mesh, _library(mesh.library_url).shapes.signature(shape_id), file_type)
 
 
-FILE_CALLS: Final[Mapping[str, Callable[..., bytes]]] = {
+_FILE_CALLS: Final[Mapping[FileCall, Callable[..., bytes]]] = {
     "mesh": convert,
     "signature": _form_file,
     "flattening": _flattening_file,
     "geodesics": _geodesics_file,
 }
-"""The functions that jobs of the kind "file" run, by name."""
 
 
-def library_map(store_url: str, measure: str, parameters: Parameters | None, shown: Shown) -> dict[str, Any]:
-    """Return `Library.map` as JSON has it."""
-    return _library(store_url).map(measure, parameters=parameters, **asdict(shown)).as_dict()
+def library_map(library_url: str, measure: str, parameters: Parameters | None, options: MapOptions) -> dict[str, Any]:
+    """Return `Library.map` as JSON values."""
+    return _library(library_url).map(measure, parameters=parameters, **asdict(options)).as_dict()
 
 
-def library_evaluation(store_url: str, measure: str, parameters: Parameters | None) -> dict[str, Any]:
-    """Return `Library.evaluation` as JSON has it."""
-    return _library(store_url).evaluation(measure, parameters=parameters).as_dict()
+def library_evaluation(library_url: str, measure: str, parameters: Parameters | None) -> dict[str, Any]:
+    """Return `Library.evaluation` as JSON values."""
+    return _library(library_url).evaluation(measure, parameters=parameters).as_dict()
 
 
 def warm_up() -> None:
@@ -200,13 +204,15 @@ def warm_up() -> None:
         compare(first, second, measure)
 
 
-def _read(mesh: StoredMesh, progress: Callable[[str], None] | None = None) -> Surface:
-    with _library(mesh.store_url).store.read() as connection:
-        data = get_mesh(connection, mesh.sha256)
-    return read_mesh(data, file_type=mesh.file_type, policy=mesh.policy, limits=mesh.limits, progress=progress)
+def _read(mesh: StoredMesh) -> Surface:
+    return read_mesh(_file(mesh), file_type=mesh.file_type, policy=mesh.policy, limits=mesh.limits)
+
+
+def _file(mesh: StoredMesh) -> bytes:
+    return _library(mesh.library_url).shapes.file(mesh.sha256)
 
 
 @cache
 def _library(url: str) -> Library:
-    must_be_there(url)
+    must_exist(url)
     return Library(url, migrate=False)

@@ -1,6 +1,6 @@
 """The library: shapes, signatures and jobs in a database, and search among them."""
 
 from unbend.library.library import Library
-from unbend.library.ranking import Ranking
+from unbend.library.search.ranking import Ranking
 
 __all__ = ["Library", "Ranking"]

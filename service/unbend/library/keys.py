@@ -1,9 +1,8 @@
-"""API keys: made, listed, revoked and recognised, within the caller's transaction.
+"""API keys of a library.
 
-A key is `unbend_<id>_<secret>`. The id finds its row, so that only one hash is compared, and in constant time; of the
-secret only the hash is stored. A single SHA-256 is enough: slow hashes protect passwords, which are few enough to be
-tried one by one. These secrets are 256 random bits, no easier to guess than the hash is to invert, and each request
-would pay for a slow one.
+A key is `unbend_<id>_<secret>`. The id finds its row, so that one hash is compared, in constant time. The store has
+only the hash of the secret. A single SHA-256 is enough: slow hashes protect passwords, which attackers can try one by
+one. These secrets are 256 random bits, and a slow hash would slow down every request.
 """
 
 from __future__ import annotations
@@ -11,19 +10,22 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final, Literal, get_args
 
 from sqlalchemy import Column, Connection, bindparam, exists, insert, select, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError, ParameterError
-from unbend.library.schema import api_keys
+from unbend.library.storage.schema import api_keys
+from unbend.library.storage.store import Store
 from unbend.names import MAX_TEXT
 
 Scope = Literal["read", "write", "admin"]
-"""The rights of a key. "write" includes "read". "admin" includes both, and sees and cancels the jobs of other keys."""
+"""The rights of a key. "write" includes "read". "admin" includes both, and may see and cancel the jobs of all keys."""
 
 _PREFIX: Final = "unbend"
 _ID_BYTES: Final = 6
@@ -37,17 +39,17 @@ _COLUMNS: Final[tuple[Column[Any], ...]] = (
     api_keys.c.expires_at,
     api_keys.c.most_jobs,
 )
-# Made once: every request asks these.
+# Built once, because every request runs these.
 _FIND = select(*_COLUMNS, api_keys.c.sha256).where(
     api_keys.c.id == bindparam("key_id"), api_keys.c.revoked_at.is_(None)
 )
 _ANY = select(exists().where(api_keys.c.revoked_at.is_(None)))
-"""An expired key counts: a library does not open because its last key was forgotten."""
+"""Expired keys count: a library must not become open because its last key expired."""
 
 
 @dataclass(frozen=True)
 class KeyRecord:
-    """A key without its secret, which nobody has but its owner."""
+    """A key without its secret."""
 
     id: str
     name: str
@@ -55,53 +57,78 @@ class KeyRecord:
     created_at: datetime
     revoked_at: datetime | None
     expires_at: datetime | None = None
-    """From when it is refused; None for never."""
+    """Time from which it is refused; None for never."""
     most_jobs: int | None = None
-    """Jobs of this key that may wait or run at a time; None for no limit of its own."""
+    """Most queued and running jobs of this key; None for no limit."""
 
     @property
     def is_expired(self) -> bool:
-        """Whether its time is over."""
+        """Whether it has expired."""
         return self.expires_at is not None and self.expires_at <= datetime.now(UTC)
 
 
-def create_key(
-    connection: Connection,
-    name: str,
-    scope: Scope,
-    *,
-    expires_at: datetime | None = None,
-    most_jobs: int | None = None,
-) -> tuple[KeyRecord, str]:
-    """Make a key; return its record and its text, which cannot be had again.
+class Keys:
+    """The API keys of a library; thread-safe."""
 
-    Raises
-    ------
-    ParameterError
-        If the name is not 1 to 200 printable characters, there is no such scope, or the limits leave nothing.
-    """
-    if not 1 <= len(name) <= MAX_TEXT or not name.isprintable():
-        raise ParameterError(f"a key's name must be text of 1 to {MAX_TEXT} printable characters")
-    if scope not in get_args(Scope):
-        raise ParameterError(f"a key's scope must be {', '.join(get_args(Scope))}, not {scope!r}")
-    if most_jobs is not None and most_jobs < 1:
-        raise ParameterError(f"a key must be allowed one job at least, not {most_jobs}")
-    record = KeyRecord(secrets.token_hex(_ID_BYTES), name, scope, datetime.now(UTC), None, expires_at, most_jobs)
-    if record.is_expired:
-        raise ParameterError(f"the key would be expired already, at {expires_at}")
-    secret = secrets.token_urlsafe(_SECRET_BYTES)
-    connection.execute(insert(api_keys).values(**vars(record), sha256=_hash(secret)))
-    return record, f"{_PREFIX}_{record.id}_{secret}"
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def create(
+        self, name: str, scope: Scope, *, expires_at: datetime | None = None, most_jobs: int | None = None
+    ) -> tuple[KeyRecord, str]:
+        """Create a key; return its record and its text, which cannot be read again.
+
+        Raises
+        ------
+        ParameterError
+            If the name is not 1 to 200 printable characters, there is no such scope, or the limits leave nothing.
+        """
+        if not 1 <= len(name) <= MAX_TEXT or not name.isprintable():
+            raise ParameterError(f"a key's name must be text of 1 to {MAX_TEXT} printable characters")
+        if scope not in get_args(Scope):
+            raise ParameterError(f"a key's scope must be {', '.join(get_args(Scope))}, not {scope!r}")
+        if most_jobs is not None and most_jobs < 1:
+            raise ParameterError(f"a key must be allowed one job at least, not {most_jobs}")
+        record = KeyRecord(secrets.token_hex(_ID_BYTES), name, scope, datetime.now(UTC), None, expires_at, most_jobs)
+        if record.is_expired:
+            raise ParameterError(f"the key would be expired already, at {expires_at}")
+        secret = secrets.token_urlsafe(_SECRET_BYTES)
+        row = {**vars(record), "sha256": _hash(secret)}
+        self._store.change(partial(_insert, row=row))
+        return record, f"{_PREFIX}_{record.id}_{secret}"
+
+    def all(self) -> list[KeyRecord]:
+        """Return all keys, including revoked ones, in the order of their creation."""
+        wanted = select(*_COLUMNS).order_by(api_keys.c.created_at, api_keys.c.id)
+        return self._store.load(lambda connection: [_record(row) for row in connection.execute(wanted)])
+
+    def revoke(self, key_id: str) -> KeyRecord:
+        """Revoke a key; a second time changes nothing. NotFoundError if there is no key of this id."""
+        return self._store.change(partial(_revoke, key_id=key_id))
+
+    def are_required(self) -> bool:
+        """Return whether callers need a key, because the library has one that is not revoked."""
+        return self._store.load(_has_keys)
+
+    def find(self, text: str) -> KeyRecord | None:
+        """Return the key with this text, if it is not revoked."""
+        return self._store.load(partial(_find, text=text))
+
+    async def find_async(self, text: str | None) -> tuple[KeyRecord | None, bool]:
+        """Return the key with this text, if it is not revoked, and whether callers need a key."""
+
+        def find(connection: Connection) -> tuple[KeyRecord | None, bool]:
+            key = _find(connection, text) if text else None
+            return key, key is not None or _has_keys(connection)
+
+        return await self._store.fetch(find, ("key", text))
 
 
-def list_keys(connection: Connection) -> list[KeyRecord]:
-    """Return all keys, the revoked ones too, in the order they were made."""
-    rows = connection.execute(select(*_COLUMNS).order_by(api_keys.c.created_at, api_keys.c.id))
-    return [_record(row) for row in rows]
+def _insert(connection: Connection, row: Mapping[str, Any]) -> None:
+    connection.execute(insert(api_keys).values(**row))
 
 
-def revoke_key(connection: Connection, key_id: str) -> KeyRecord:
-    """End a key for good; one that was revoked before keeps its time. NotFoundError if there is none of this id."""
+def _revoke(connection: Connection, key_id: str) -> KeyRecord:
     connection.execute(
         update(api_keys)
         .where(api_keys.c.id == key_id, api_keys.c.revoked_at.is_(None))
@@ -113,8 +140,7 @@ def revoke_key(connection: Connection, key_id: str) -> KeyRecord:
     return _record(row)
 
 
-def find_key(connection: Connection, text: str) -> KeyRecord | None:
-    """Return the live key that this is the text of, if there is one."""
+def _find(connection: Connection, text: str) -> KeyRecord | None:
     prefix, _, rest = text.partition("_")
     key_id, _, secret = rest.partition("_")
     row = connection.execute(_FIND, {"key_id": key_id}).one_or_none()
@@ -123,8 +149,7 @@ def find_key(connection: Connection, text: str) -> KeyRecord | None:
     return _record(row)
 
 
-def has_keys(connection: Connection) -> bool:
-    """Return whether any key is live: the library is then closed to callers without one."""
+def _has_keys(connection: Connection) -> bool:
     return bool(connection.scalar(_ANY))
 
 

@@ -1,68 +1,61 @@
-"""The library of shapes: the one object that callers use."""
+"""The library of shapes: the object that Python callers use."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
-from sqlalchemy import Connection
-
-from unbend.errors import ParameterError
-from unbend.library import shapes as rows
-from unbend.library.backup import Backup, backup
-from unbend.library.engine import Store
-from unbend.library.export import export
-from unbend.library.index import IndexKey, VectorIndex
-from unbend.library.key import UploadKey
-from unbend.library.overview import MAP_LIMIT, MapDistance, ShapeMap, Shown, evaluation_of, map_of, select
-from unbend.library.payload import PackedSignature, unpack_signature
-from unbend.library.ranking import Question, Ranking, rank
-from unbend.library.records import ShapeMatch, ShapePage, ShapeRecord
-from unbend.library.shapes import IfKnown
-from unbend.library.values import check_changes
+from unbend.library.backups.backup import Backup, backup
+from unbend.library.backups.export import export
+from unbend.library.jobs import Jobs
+from unbend.library.keys import Keys
+from unbend.library.packing import PackedSignature
+from unbend.library.records import KnownShape, ShapeMatch, ShapePage, ShapeRecord
+from unbend.library.requests import DEFAULT_K, IfKnown, QueryRequest, ShapeRequest, Upload
+from unbend.library.search import MapOptions, Ranking, Search, ShapeMap
+from unbend.library.search.overview import MAP_LIMIT, MapDistance
+from unbend.library.shape_rows import ComputedShape
+from unbend.library.shapes import Shapes
+from unbend.library.storage.disk import LibraryDisk
+from unbend.library.storage.store import Store
 from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
-from unbend.matching.evaluate import Evaluation, RetrievalFigures
-from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
-from unbend.matching.measures.moments import SURFACE_MOMENTS
+from unbend.matching.evaluate import Evaluation, RetrievalMetrics
+from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.mesh.policy import MeshPolicy
-from unbend.mesh.read import read_mesh as read_surface
-from unbend.names import MAX_TEXT, printable
+from unbend.names import DEFAULT_LIBRARY, MAX_TEXT, printable
+from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Parameters
-from unbend.signature.pipeline import compute_signature
-from unbend.signature.signature import ALGORITHM_VERSION, Signature
-
-DEFAULT_K = 10
+from unbend.signature.signature import Signature
 
 
 @dataclass(frozen=True)
-class Received:
-    """A shape that was given to a library."""
+class Received(KnownShape):
+    """The result of `Library.receive`."""
 
-    shape: ShapeRecord
-    is_new: bool
-    """Whether it was not stored before."""
-    ignored: Sequence[str] = ()
-    """Fields given that differ from the stored ones and were not taken: of "name", "label", "metadata"."""
-    updated: Sequence[str] = ()
-    """Fields given that differed from the stored ones and were taken."""
+    is_new: bool = False
+    """Whether the shape was not stored before."""
 
 
 class Library:
-    """A store of shapes, their signatures and what can be asked of them; thread-safe.
+    """A library of shapes; thread-safe.
+
+    Its methods serve programs that compute in their own process. Servers use its parts: `shapes`, `jobs`, `keys`,
+    `search` and `disk`.
 
     Parameters
     ----------
     url : str, default "unbend.db"
-        A path of an SQLite file, made if it is not there, or an SQLAlchemy URL.
+        A path of an SQLite file, which is created if it is missing, or an SQLAlchemy URL.
+    migrate : bool, default True
+        Migrate the database to the present schema first.
 
     Raises
     ------
     StoreError
-        If the store cannot be opened; StoreVersionError if a later version made it.
+        If the database cannot be opened; StoreVersionError if a later version of unbend made it.
 
     Examples
     --------
@@ -71,9 +64,36 @@ class Library:
     ...     library.classify(compute_signature(read_mesh("unknown.ply")))
     """
 
-    def __init__(self, url: str = "unbend.db", *, migrate: bool = True) -> None:
+    def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True) -> None:
         self.store = Store(url, migrate=migrate)
-        self._index = VectorIndex()
+        self.shapes = Shapes(self.store)
+        self.jobs = Jobs(self.store)
+        self.keys = Keys(self.store)
+        self.search = Search(self.store)
+
+    @property
+    def url(self) -> str:
+        """The address that the library was opened with."""
+        return self.store.url
+
+    @property
+    def disk(self) -> LibraryDisk | None:
+        """The disk of an SQLite file; None for other databases."""
+        return self.store.disk
+
+    def check_writable(self, size: int = 0) -> None:
+        """Check that the library can store an upload of `size` bytes.
+
+        Raises
+        ------
+        StoreLostError
+            If its file was removed or replaced.
+        StoreFullError
+            If its disk has no space.
+        """
+        self.store.check()
+        if self.disk:
+            self.disk.admit_upload(size)
 
     def __enter__(self) -> Self:
         return self
@@ -84,7 +104,7 @@ class Library:
         self.close()
 
     def close(self) -> None:
-        """Close the store."""
+        """Wait for changes under way, and close the database."""
         self.store.close()
 
     def add(
@@ -103,29 +123,29 @@ class Library:
         Parameters
         ----------
         source : bytes, str or Path
-            A mesh file's bytes or path.
+            The bytes or the path of a mesh file.
         name : str, optional
-            The path's stem by default, or "unnamed".
+            By default the stem of the path, or "unnamed".
         label : str, optional
-            The class that the shape is known to belong to.
+            The known class of the shape.
         metadata : dict, optional
-            Anything that JSON can hold: at most 32 kB of it, 16 deep, with 1000 members.
+            JSON values: at most 32 kB, 16 levels and 1000 members.
         parameters : Parameters, optional
         policy : MeshPolicy, optional
-            How the mesh is read. Shapes are compared whatever theirs is.
-        if_known : "keep" or "update", default "keep"
-            Whether a shape that was stored before from the same file, with the same parameters and policy, stays as it
-            is, or takes the name, label and metadata that are given.
+            How to read the mesh. Shapes of different policies are compared.
+        if_known : {"keep", "update"}
+            Whether a shape that is stored already, from the same file with the same parameters and policy, keeps its
+            name, label and metadata, or takes the new ones.
 
         Returns
         -------
         ShapeRecord
-            The stored one if there is one. `receive` says whether that is so, and what it did not take.
+            The new shape, or the stored one. `receive` tells which, and what the stored one did not take.
 
         Raises
         ------
         MeshError
-            As `read_mesh` and `compute_signature` do.
+            As by `read_mesh` and `compute_signature`.
         ParameterError
             If the name, label or metadata cannot be stored.
         """
@@ -141,98 +161,68 @@ class Library:
         policy: MeshPolicy | None = None,
         if_known: IfKnown = "keep",
     ) -> Received:
-        """Do as `add` does, and say what became of it.
+        """Add a mesh as `add` does, and report the outcome.
 
-        `given` holds the name, label and metadata; those that are None are not given.
+        `given` contains the name, label and metadata; None means not given.
         """
         path = Path("unnamed") if isinstance(source, bytes) else Path(source)
-        sent = {name: value for name, value in given.items() if value is not None}
-        described: dict[str, Any] = {"name": printable(path.stem)[:MAX_TEXT], "label": None, "metadata": {}} | sent
-        check_changes(described)
+        request = ShapeRequest.of(printable(path.stem)[:MAX_TEXT], given, if_known)
         data = source if isinstance(source, bytes) else path.read_bytes()
-        chosen, reading = parameters or Parameters(), policy or MeshPolicy()
-        key = UploadKey.of(data, chosen, reading)
-        with self.store.read() as connection:
-            known = rows.find_shape(connection, key)
-        if known:
-            told = self.store.change(partial(rows.describe_anew, record=known, sent=sent, if_known=if_known))
-            return Received(told.shape, is_new=False, ignored=told.ignored, updated=told.updated)
-        surface = read_surface(data, file_type=path.suffix, policy=reading)
-        new = rows.NewShape(
-            sha256=key.sha256,
-            policy=reading,
-            signature=PackedSignature.of(compute_signature(surface, chosen)),
-            area=surface.area,
-            report=surface.report.as_dict(),
-            **described,
-        )
-
-        def store(connection: Connection) -> ShapeRecord:
-            rows.put_mesh(connection, key.sha256, data)
-            return rows.get_shape(connection, rows.add_shape(connection, new))
-
-        return Received(self.store.change(store), is_new=True)
+        upload = Upload(data, path.suffix, parameters or Parameters(), policy or MeshPolicy())
+        if known := self.shapes.find(upload.key):
+            return Received(**vars(self.shapes.update_known(known, request)))
+        found = signature_of_file(data, upload.parameters, upload.policy, file_type=path.suffix)
+        surface, packed = found.surface, PackedSignature.of(found.signature)
+        computed = ComputedShape(upload.key, packed, surface.area, surface.report.as_dict())
+        return Received(self.shapes.add(upload, computed, request), is_new=True)
 
     def get(self, shape_id: str) -> ShapeRecord:
-        """Return a shape's record; NotFoundError if there is none."""
-        with self.store.read() as connection:
-            return rows.get_shape(connection, shape_id)
+        """Return a shape; NotFoundError if there is none of this id."""
+        return self.shapes.get(shape_id)
 
     def page(
         self, *, label: str | None = None, sha256: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> ShapePage:
-        """Return up to `limit` (at most 500) shapes after `cursor`, in the order they were added.
+        """Return up to `limit` shapes after `cursor`, in the order of adding; see `Shapes.page`."""
+        return self.shapes.page(label=label, sha256=sha256, cursor=cursor, limit=limit)
 
-        Only those of a class, or made from the file with a hash, where that is given.
-        """
-        if limit < 1:
-            raise ParameterError(f"limit must be at least 1, not {limit}")
-        with self.store.read() as connection:
-            return rows.list_shapes(connection, label=label, sha256=sha256, cursor=cursor, limit=limit)
-
-    def change(self, shape_id: str, changes: dict[str, Any]) -> ShapeRecord:
-        """Set some of a shape's name, label and metadata."""
-        check_changes(changes)
-        return self.store.change(partial(rows.change_shape, shape_id=shape_id, changes=changes))
+    def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:
+        """Set some of a shape's name, label and metadata, and return it."""
+        return self.shapes.change(shape_id, changes)
 
     def remove(self, shape_id: str) -> None:
-        """Remove a shape and everything stored of it."""
-        self.store.change(partial(rows.remove_shape, shape_id=shape_id))
+        """Remove a shape, its signature, descriptors and file."""
+        self.shapes.remove(shape_id)
 
     def mesh(self, shape_id: str) -> bytes:
-        """Return the file a shape was made from, byte for byte."""
-        with self.store.read() as connection:
-            return rows.get_mesh(connection, rows.get_shape(connection, shape_id).sha256)
-
-    def read_mesh(self, sha256: str, offset: int, size: int) -> bytes:
-        """Return some bytes of a stored file, at most `size` from `offset`; NotFoundError if it is not there."""
-        with self.store.read() as connection:
-            return rows.read_mesh_piece(connection, sha256, offset, size)
+        """Return the file that a shape was made from, byte for byte."""
+        return self.shapes.file(self.shapes.get(shape_id).sha256)
 
     def signature(self, shape_id: str) -> Signature:
         """Return a shape's signature."""
-        with self.store.read() as connection:
-            return unpack_signature(rows.get_signature_payload(connection, shape_id))
+        return self.shapes.signature(shape_id)
 
     def labels(self) -> dict[str, int]:
-        """Return the classes and how many shapes each has."""
-        with self.store.read() as connection:
-            return rows.count_labels(connection)
+        """Return the number of shapes of each class."""
+        return self.shapes.labels()
+
+    def __len__(self) -> int:
+        return len(self.shapes)
 
     def backup(self, destination: str | Path, *, overwrite: bool = False) -> Backup:
-        """Copy the library into one file while it is used; `unbend restore` puts it back.
+        """Copy the library into one file while others use it; `unbend restore` restores it.
 
         Raises
         ------
         ParameterError
-            If the library is no SQLite file, or the destination is taken and not to be overwritten.
+            If the library is no SQLite file, or the destination exists and `overwrite` is False.
         StoreError
             If it cannot be copied; BackupError if it is damaged.
         """
-        return backup(self.store.url, destination, overwrite=overwrite)
+        return backup(self.url, destination, overwrite=overwrite)
 
     def export(self, folder: str | Path) -> int:
-        """Write every shape's file, and labels.csv, to a folder that is empty or will be made; return how many.
+        """Write the file of every shape, and labels.csv, to an empty or new folder; return the number of shapes.
 
         Raises
         ------
@@ -240,10 +230,6 @@ class Library:
             If the folder is not empty.
         """
         return export(self.store, folder)
-
-    def __len__(self) -> int:
-        with self.store.read() as connection:
-            return rows.count_shapes(connection)
 
     def rank(
         self,
@@ -258,29 +244,29 @@ class Library:
         Parameters
         ----------
         query : Signature or str
-            A signature, or the id of a stored shape, which is then not among its own answers.
+            A signature, or the id of a stored shape, which is then not among the results.
         measure : str
-            One that compares whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) puts those in order that are
-            nearest by the default measure; classes are then the default measure's.
+            A measure of whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) orders the shapes that are nearest
+            by the default measure; classes are then ranked by the default measure.
         classifier : str
-            How distances from shapes become those from classes.
+            The rule that turns distances from shapes into distances from classes.
         k : int
-            Shapes returned; all classes are.
+            Number of shapes to return; all classes are returned.
 
         Returns
         -------
         Ranking
-            Only shapes whose signatures were made with the query's parameters take part.
+            Only shapes whose signatures were computed with the query's parameters take part.
 
         Raises
         ------
         NotFoundError
             If there is no such shape.
         ParameterError
-            If there is no such measure or classifier, `k` is below 1, or above `MOST_PAIRS` where whole shapes are
-            compared; UnsuitedError if the classifier needs more labels.
+            If there is no such measure or classifier, `k` is below 1, or above `MAX_PAIRS` for a measure of
+            whole shapes; UnsuitedError if the classifier needs more labels.
         """
-        return rank(self.store, self._index, query, Question.of(measure, classifier, k))
+        return self.search.rank(query, QueryRequest(measure, classifier, k))
 
     def nearest(
         self, query: Signature | str, k: int = DEFAULT_K, *, measure: str = DEFAULT_MEASURE
@@ -294,24 +280,21 @@ class Library:
         """Return the classes, the most likely first, as `rank` finds them."""
         return self.rank(query, measure=measure, classifier=classifier, k=1).classes
 
-    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> RetrievalFigures:
-        """Return the figures of `evaluation`, which is asked with the same."""
-        return cast("RetrievalFigures", self.evaluation(measure, parameters=parameters).figures)
+    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> RetrievalMetrics:
+        """Return the retrieval metrics of `evaluation`."""
+        return cast("RetrievalMetrics", self.evaluation(measure, parameters=parameters).metrics)
 
     def evaluation(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> Evaluation:
-        """Ask the labelled shapes made with `parameters` of each other: figures, per class too, and confusions.
+        """Evaluate retrieval among the labelled shapes computed with `parameters`: overall, by class, confusions.
 
-        Of a very large library some shapes, evenly chosen, are asked of all others.
+        In a very large library, evenly chosen shapes are the queries.
 
         Raises
         ------
         ParameterError
             If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
         """
-        chosen = get_vector_measure(measure)
-        with self.store.read() as connection:
-            held = self._index.get(connection, _key(chosen, parameters))
-        return evaluation_of(held, chosen)
+        return self.search.evaluation(measure, parameters)
 
     def map(
         self,
@@ -322,19 +305,19 @@ class Library:
         limit: int = MAP_LIMIT,
         distance: MapDistance = "l1",
     ) -> ShapeMap:
-        """Place the shapes made with `parameters` so that those alike are near each other (the paper's Fig. 8).
+        """Embed the shapes computed with `parameters` so that similar shapes are near each other (the paper's Fig. 8).
 
         Parameters
         ----------
         measure : str
         parameters : Parameters, optional
-            Defaults as `Parameters()` has them.
+            `Parameters()` by default.
         dimensions : int, default 2
         limit : int, default 5000
-            Of more shapes, evenly chosen ones are shown.
+            Most shapes on the map; of more, evenly chosen ones.
         distance : {"l1", "squared_l2"}
-            What the map shows: sums of absolute differences, by which shapes are compared, or of squared ones, which
-            the paper's D_M has (section 2.3).
+            Distance of descriptors: the sum of absolute differences, which searches use, or of squared differences, as
+            in the paper's D_M (section 2.3).
 
         Raises
         ------
@@ -342,12 +325,4 @@ class Library:
             If there is no such measure, or it does not compare vectors, or a number is below 1, or there is no such
             distance.
         """
-        chosen, shown = get_vector_measure(measure), Shown(dimensions, limit, distance)
-        with self.store.read() as connection:
-            held, original = (self._index.get(connection, _key(each, parameters)) for each in (chosen, SURFACE_MOMENTS))
-            selection = select(connection, held, original, shown.limit)
-        return map_of(selection, chosen, shown)
-
-
-def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:
-    return IndexKey(measure, (parameters or Parameters()).to_json(), ALGORITHM_VERSION)
+        return self.search.map(measure, parameters, MapOptions(dimensions, limit, distance))

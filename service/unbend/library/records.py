@@ -1,14 +1,20 @@
-"""Rows of the store as immutable values."""
+"""Records of the library as immutable values."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal
+from typing import Any, Final, Literal
+
+from unbend.library.requests import JobKind, JobRequest
+from unbend.mesh.policy import MeshPolicy
+from unbend.signature.parameters import Parameters
 
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-JobKind = Literal["shape", "query", "file"]
-"""An upload, a query, or a file that is made of a stored shape."""
+
+ENDED_STATES: Final[tuple[JobState, ...]] = ("succeeded", "failed", "cancelled")
+UNFINISHED_STATES: Final[tuple[JobState, ...]] = ("queued", "running")
 
 
 @dataclass(frozen=True)
@@ -21,26 +27,43 @@ class ShapeRecord:
     metadata: dict[str, Any]
     sha256: str
     size: int
-    parameters: dict[str, Any]
-    policy: dict[str, Any]
+    parameters: Parameters
+    policy: MeshPolicy
     version: str
     area: float
     stress: float
     dimension: int | None
-    """Effective dimension; None where the signature is of version 4 or earlier."""
+    """Effective dimension; None for signatures of version 4 or earlier."""
     report: dict[str, Any]
     warnings: list[str]
-    """Sentences that say why its signature may be wrong, and what to do."""
+    """Reasons why the signature may be wrong, and what to do."""
     created_at: datetime
     updated_at: datetime
     changed: int
     """The revision of the library that last changed it, 0 if none did."""
     seq: int
+    """Its place in the order of adding."""
+
+    @property
+    def file_type(self) -> str:
+        """The format of its file."""
+        return str(self.report["file_type"])
+
+
+@dataclass(frozen=True)
+class KnownShape:
+    """A stored shape whose file was sent again."""
+
+    shape: ShapeRecord
+    ignored: Sequence[str] = ()
+    """Fields sent with it that differ from the stored ones and were not taken: of "name", "label", "metadata"."""
+    updated: Sequence[str] = ()
+    """Fields sent with it that differed from the stored ones and were taken."""
 
 
 @dataclass(frozen=True)
 class ShapePage:
-    """Some shapes in the order they were added, and where the next page begins."""
+    """A page of shapes in the order of adding, and the cursor of the next page."""
 
     items: list[ShapeRecord]
     next_cursor: str | None
@@ -58,7 +81,7 @@ class ShapeMatch:
 
 @dataclass(frozen=True)
 class JobRecord:
-    """A job as the store has it."""
+    """A job as it is stored."""
 
     id: str
     kind: JobKind
@@ -69,9 +92,10 @@ class JobRecord:
     restarts: int
     mesh_sha256: str | None
     file_type: str
-    parameters: str
-    policy: str
-    request: dict[str, Any]
+    parameters: Parameters
+    policy: MeshPolicy
+    request: JobRequest | None
+    """None once the job has ended."""
     error: dict[str, Any] | None
     result: dict[str, Any] | None
     shape_id: str | None
@@ -80,30 +104,30 @@ class JobRecord:
     finished_at: datetime | None
     seq: int
     warnings: list[str] = field(default_factory=list)
-    """Warnings of its signature, once it has succeeded."""
+    """Warnings about its signature, once it has succeeded."""
     owner: str | None = None
-    """The key that it was sent with; None where none was needed."""
+    """The id of the API key that sent it; None if the library needs no keys."""
     idempotency: str | None = None
     fingerprint: str | None = None
     ignored: list[str] = field(default_factory=list)
     """Fields of an upload that the stored shape did not take."""
     callback: str | None = None
-    """The address that is told of its end."""
+    """The URL of the webhook that reports its end."""
     callback_attempts: int = 0
     callback_due: datetime | None = None
-    """When that is to be tried; None before the end, and when it was told or given up."""
-    detail: dict[str, float] = field(default_factory=dict)
-    """What the stage tells of itself while the job runs; not stored."""
+    """Time of the next attempt; None before the job ends, and after the webhook succeeded or was given up."""
+    detail: Mapping[str, float] = field(default_factory=dict)
+    """Details of the present stage while the job runs; not stored."""
 
     @property
     def finished(self) -> bool:
-        """Whether the state will not change any more."""
-        return self.state in {"succeeded", "failed", "cancelled"}
+        """Whether the state is final."""
+        return self.state in ENDED_STATES
 
 
 @dataclass(frozen=True)
 class JobPage:
-    """Some jobs without their results, the newest first, and where the next page begins."""
+    """A page of jobs without results, the newest first, and the cursor of the next page."""
 
     items: list[JobRecord]
     next_cursor: str | None
@@ -111,7 +135,7 @@ class JobPage:
 
 @dataclass(frozen=True)
 class JobFile:
-    """What a job of the kind "file" made."""
+    """The file that a job of the kind "file" made."""
 
     file_type: str
     name: str

@@ -1,1 +1,1 @@
-"""Comparing signatures: measures, ranking, nearest class, retrieval figures."""
+"""Comparison of signatures: distances, search, classification and retrieval metrics."""

@@ -1,4 +1,4 @@
-"""The class map: shapes as points whose distances are those of their descriptors (section 2.3 and Fig. 8: D_M)."""
+"""The class map: shapes as points whose distances approximate those of a measure (section 2.3 and Fig. 8: D_M)."""
 
 from __future__ import annotations
 
@@ -14,36 +14,33 @@ from unbend.embedding.extension import extend
 from unbend.embedding.stress import stress
 from unbend.matching.measures import VectorMeasure
 
-LANDMARKS: Final = 2000
-"""Shapes that are embedded by all their distances; a map of more places the others by distances to some of these."""
+MAX_LANDMARKS: Final = 2000
+"""The most shapes that are embedded by all distances between them. Further shapes are placed by distances to these."""
 
-_GUIDES: Final = 200
-"""Landmarks whose distances place a further shape."""
+_ANCHORS: Final = 200
+"""The number of landmarks whose distances place a further shape."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClassMap:
-    """A place for each shape; defined up to rotation and reflection, and turned to its principal axes."""
+    """A point for each shape, in the principal axes of all. Distances define it up to rotation and reflection."""
 
     points: Floats
     """(n, m)."""
     stress: float
-    """Eq. 2 of the shapes that were embedded by all their distances: 0 where the map is exact."""
-    landmarks: Indices
-    """Which those are, (l,); all where there are no more than `LANDMARKS`."""
+    """Eq. 2 of the landmarks: 0 if the map is exact."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
-        object.__setattr__(self, "landmarks", frozen(self.landmarks, np.int64))
 
 
 def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, threads: int | None = None) -> ClassMap:
-    """Place shapes so that straight-line distances are near those under `measure`.
+    """Place shapes so that Euclidean distances approximate those under `measure`.
 
     Parameters
     ----------
     vectors : (n, d) float32
-        One a shape, finite.
+        One per shape, finite.
     measure : VectorMeasure
     dimensions : int, default 2
     threads : int, optional
@@ -52,7 +49,7 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
     Returns
     -------
     ClassMap
-        The same for the same shapes, on every run.
+        The same on every run.
 
     Raises
     ------
@@ -61,29 +58,31 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
     """
     landmarks = _landmarks(vectors, measure)
     distances = measure.matrix(vectors[landmarks])
-    if not distances.any():  # no shape, one, or copies of one: embedding has no scale to work in
-        return ClassMap(np.zeros((len(vectors), dimensions)), 0.0, landmarks)
-    # Distances may be 1e-4 or 1e4, by measure; what follows takes them near 1.
+    if not distances.any():  # no shape, a single one, or copies of one: there is no scale to embed in
+        return ClassMap(np.zeros((len(vectors), dimensions)), 0.0)
+    # Distances may be 1e-4 or 1e4, depending on the measure; the steps below work on distances near 1.
     unit = float(distances.max())
-    found = embed(distances / unit, dimensions, threads=threads).points
-    points = found
+    embedded = embed(distances / unit, dimensions, threads=threads).points
+    points = embedded
     if len(landmarks) < len(vectors):
-        squared = measure.between(vectors[landmarks[:_GUIDES]], vectors) / unit
-        points = extend(found, landmarks, np.square(squared, dtype=np.float32), refine=dimensions > 1, threads=threads)
-        points[landmarks] = found
+        to_anchors = measure.between(vectors[landmarks[:_ANCHORS]], vectors) / unit
+        squares = np.square(to_anchors, dtype=np.float32)
+        points = extend(embedded, landmarks, squares, refine=dimensions > 1, threads=threads)
+        points[landmarks] = embedded
     posed = principal_pose(points * unit, np.ones(len(points)))
-    return ClassMap(posed, stress(found, distances / unit), landmarks)
+    return ClassMap(posed, stress(embedded, distances / unit))
 
 
 def _landmarks(vectors: Singles, measure: VectorMeasure) -> Indices:
-    """Return the shapes that stand for all: evenly by their distance from the middle, the first of them mixed.
+    """Return the rows of the shapes that are embedded: all of them, or a sample in random order.
 
-    They are as dense as the shapes are, whatever the order these came in.
+    The sample is even over the shapes sorted by distance from their mean, so that it is as dense as they are
+    for any order of the rows.
     """
     count = len(vectors)
-    if count <= LANDMARKS:
+    if count <= MAX_LANDMARKS:
         return np.arange(count)
-    middle = vectors.mean(axis=0, dtype=np.float64).astype(np.float32)
-    outwards = np.argsort(measure.distances(middle, vectors), kind="stable")
-    even = outwards[np.linspace(0, count - 1, LANDMARKS).astype(np.int64)]
-    return np.random.default_rng(0).permutation(even)
+    mean = vectors.mean(axis=0, dtype=np.float64).astype(np.float32)
+    by_distance = np.argsort(measure.distances(mean, vectors), kind="stable")
+    sample = by_distance[np.linspace(0, count - 1, MAX_LANDMARKS).astype(np.int64)]
+    return np.random.default_rng(0).permutation(sample)

@@ -1,10 +1,12 @@
-"""Shapes to compare a query with."""
+"""A gallery: labelled vectors to compare a query with, and a cache of values computed once per gallery."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import threading
+import weakref
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 import numpy as np
 
@@ -12,24 +14,26 @@ from unbend.arrays import Codes, Singles
 
 UNLABELLED: Final = -1
 
+Value = TypeVar("Value")
+
 
 @dataclass(frozen=True)
 class Gallery:
-    """Vectors, one row a shape, and their classes."""
+    """Vectors, one row per shape, and their classes."""
 
     vectors: Singles
     """(n, d)."""
     codes: Codes
-    """Place in `labels` of each row's class, (n,); UNLABELLED where it has none."""
+    """Index into `labels` of each row's class, (n,); UNLABELLED for rows without a class."""
     labels: tuple[str, ...]
-    """The classes. One may have no members left."""
+    """The classes. A class may have no members left."""
 
     @classmethod
     def of(cls, vectors: Singles, labels: Sequence[str | None]) -> Self:
-        """Make one from a label, or None, for each row of `vectors`."""
+        """Make a gallery from a label, or None, for each row of `vectors`."""
         names = tuple(dict.fromkeys(label for label in labels if label is not None))
-        places = {name: place for place, name in enumerate(names)}
-        codes = np.array([UNLABELLED if label is None else places[label] for label in labels], np.int32)
+        code_of = {name: code for code, name in enumerate(names)}
+        codes = np.array([UNLABELLED if label is None else code_of[label] for label in labels], np.int32)
         return cls(np.asarray(vectors, np.float32), codes, names)
 
     def __len__(self) -> int:
@@ -39,3 +43,22 @@ class Gallery:
         """Return the class of a row."""
         code = int(self.codes[row])
         return None if code == UNLABELLED else self.labels[code]
+
+
+def cached_per_gallery(compute: Callable[[Gallery], Value]) -> Callable[[Gallery], Value]:
+    """Cache the result of `compute` for each gallery until the gallery is garbage collected.
+
+    Other threads wait while one computes.
+    """
+    lock = threading.Lock()
+    cache: dict[int, Value] = {}
+
+    def cached(gallery: Gallery) -> Value:
+        key = id(gallery)  # a gallery's arrays have no hash
+        with lock:
+            if key not in cache:
+                cache[key] = compute(gallery)
+                weakref.finalize(gallery, cache.pop, key).atexit = False
+            return cache[key]
+
+    return cached

@@ -1,4 +1,4 @@
-"""The nearest of a search by vectors, compared anew by a measure that needs both signatures whole."""
+"""Reranking: the nearest shapes of a vector search, compared again by a measure of whole signatures."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from unbend.signature.signature import Signature
 from unbend.threads import check_threads, share_out
 
 SHORTLIST: Final = 5
-"""Candidates by default. In the order of a pair measure alone, longer lists lost more where the measure of the search
-was right than they won where it was not (benchmarks/rerank.py, "length of the short list")."""
+"""The default number of candidates. When a pair measure alone decides the order, longer lists lose more where the
+search was right than they gain where it was wrong (benchmarks/retrieval/rerank.py, "length of the short list")."""
 
 
 def rerank(
     query: Signature, candidates: Sequence[Signature], measure: PairMeasure, threads: int | None = None
 ) -> Floats:
-    """Return the distance of `measure` from `query` to each of `candidates`.
+    """Return the distance under `measure` from `query` to each of `candidates`.
 
     Parameters
     ----------
     query : Signature
     candidates : sequence of c Signature
-        The nearest by a `VectorMeasure`, say; `SHORTLIST` of them by default.
+        For example the nearest by a `VectorMeasure`.
     measure : PairMeasure
     threads : int, optional
         All cores by default. The result does not depend on it.
@@ -35,12 +35,12 @@ def rerank(
     Returns
     -------
     (c,) float64
-        In the order of the candidates; `smallest` tells the new one.
+        In the order of the candidates.
 
     Raises
     ------
     ParameterError
-        If `threads` is below 1, or a candidate was made with other parameters than the query, or by another version.
+        If `threads` is below 1, or the parameters or the version of a candidate differ from the query's.
     """
     check_threads(threads)
     for candidate in candidates:

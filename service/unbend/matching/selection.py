@@ -1,4 +1,4 @@
-"""What is nearest, out of many distances: in one pass over them."""
+"""Selection of the smallest of many distances in one pass."""
 
 from __future__ import annotations
 
@@ -9,27 +9,32 @@ import numpy as np
 from unbend.arrays import Codes, Floats, Indices
 from unbend.jit import inlined, kernel
 
-_NONE: Final = -1  # the place of what is not there
+_EMPTY: Final = -1  # index in an unused slot of the heap
 
 
 def smallest(distances: Floats, count: int | None = None) -> Indices:
-    """Return the places of the `count` (default all) smallest of `distances` (n,), the smallest first.
+    """Return the indices of the `count` (default all) smallest of `distances` (n,), in ascending order of distance.
 
-    Equal ones come in the order of their places. What is infinite or NaN is left out.
+    Ties come in the order of their indices. Infinite and NaN distances are left out.
+
+    Examples
+    --------
+    >>> smallest(np.array([3.0, 1.0, np.inf, 1.0]), 2).tolist()
+    [1, 3]
     """
     if count is None or count >= len(distances):
         order = np.argsort(distances, kind="stable")
         return order[: np.count_nonzero(distances < np.inf)]
-    kept, places = np.full(count, np.inf), np.full(count, _NONE)
+    kept, places = np.full(count, np.inf), np.full(count, _EMPTY)
     if count:
         _keep_smallest(distances, kept, places)
-    return places[np.lexsort((places, kept))][: np.count_nonzero(places != _NONE)]
+    return places[np.lexsort((places, kept))][: np.count_nonzero(places != _EMPTY)]
 
 
 def nearest_of_each_class(distances: Floats, codes: Codes, classes: int) -> Floats:
-    """Return the smallest of `distances` (n,) in each class, (classes,); infinite where a class has no members.
+    """Return the smallest of `distances` (n,) in each class, (classes,); infinite for a class without members.
 
-    `codes` (n,) are the rows' classes; negative ones are in none.
+    `codes` (n,) are the rows' classes. Rows with a negative code belong to none.
     """
     nearest = np.full(classes, np.inf)
     _keep_nearest(distances, codes, nearest)
@@ -43,7 +48,7 @@ def _worse(distance: float, place: int, other: float, other_place: int) -> bool:
 
 @kernel
 def _keep_smallest(distances: Floats, kept: Floats, places: Indices) -> None:
-    """Fill a heap whose root is the worst that is kept: of equal ones, the last."""
+    """Fill a max-heap of the smallest distances; among equal ones the last index is nearest to the root."""
     size = kept.shape[0]
     for place in range(distances.shape[0]):
         distance = distances[place]

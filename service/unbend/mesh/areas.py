@@ -9,8 +9,8 @@ from unbend.jit import kernel
 
 
 def triangle_areas(vertices: Floats, faces: Ints, scale: float) -> Floats:
-    """Return the area of each of `faces` (m, 3), (m,), where `scale` is that of the surface."""
-    # A cross product's square is of the fourth power of lengths: scaled, it stays in the range of double precision.
+    """Return the area of each of `faces` (m, 3), (m,); `scale` is the scale of the surface."""
+    # The square of a cross product is a fourth power of lengths; scaling keeps it within double precision.
     areas = np.empty(len(faces))
     _fill_areas(vertices, faces, scale, areas)
     return areas

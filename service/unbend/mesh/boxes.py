@@ -1,7 +1,7 @@
 """A tree of boxes around items in space, for exact nearest-item searches in compiled code.
 
-scipy's k-d tree answers "which point is nearest?", but not "which point of another component?" nor "which triangle?":
-both need a search that a caller's own rule prunes.
+scipy's k-d tree finds the nearest point, but not the nearest point of another component, nor the nearest triangle: both
+need a search that the caller prunes.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from unbend.jit import kernel
 LEAF: Final = 8
 """Items in a leaf."""
 
-_BITS = 21  # of a Morton code for each axis: three make 63
+_BITS = 21  # bits of a Morton code for each axis: 63 for three
 
 
 @dataclass(frozen=True, eq=False)
 class BoxTree:
     """A complete binary tree over items in Morton order; node 1 is the root, 2 i and 2 i + 1 are i's children.
 
-    Leaf `leaves + j` holds the items `order[LEAF * j : LEAF * (j + 1)]`. Leaves beyond the last item are empty:
-    nothing is near them.
+    Leaf `leaves + j` holds the items `order[LEAF * j : LEAF * (j + 1)]`. Leaves after the last item are empty, and at
+    infinite distance.
     """
 
     order: Indices  # (n,)
@@ -56,7 +56,7 @@ def build_boxes(lower: Floats, upper: Floats) -> BoxTree:
 
 
 def uniform_labels(tree: BoxTree, labels: Ints) -> Ints:
-    """Return for each node the label that all its items have, -1 where they differ, (2 leaves,).
+    """Return for each node the common label of its items, -1 if they differ, (2 leaves,).
 
     `labels` (n,) are in the tree's order.
     """
@@ -87,7 +87,7 @@ def box_distance(lower: Floats, upper: Floats, node: int, x: float, y: float, z:
 def push_children(
     stack: Indices, top: int, node: int, lower: Floats, upper: Floats, x: float, y: float, z: float
 ) -> int:
-    """Put a node's children above `stack[top]`, the one nearer to a point last, so that it is looked at first."""
+    """Push a node's children onto the stack, the nearer one last, so that it is visited first."""
     left = box_distance(lower, upper, 2 * node, x, y, z)
     right = box_distance(lower, upper, 2 * node + 1, x, y, z)
     stack[top + 1] = 2 * node if left > right else 2 * node + 1
@@ -96,7 +96,7 @@ def push_children(
 
 
 def morton_order(points: Floats) -> Indices:
-    """Return an order of `points` (n, 3) in which near ones mostly stand near: that of their interleaved bits."""
+    """Return the Morton order of `points` (n, 3), in which neighbours in space are mostly neighbours in the order."""
     low = points.min(axis=0)
     span = (points.max(axis=0) - low).max()
     cells = ((points - low) * ((2**_BITS - 1) / span if span > 0 else 0.0)).astype(np.int64)
@@ -104,7 +104,7 @@ def morton_order(points: Floats) -> Indices:
 
 
 def _spread(cells: Indices) -> Indices:
-    """Put two zero bits before each of 21 bits."""
+    """Insert two zero bits before each of 21 bits."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),

@@ -1,4 +1,4 @@
-"""Linking the components of a mesh to one."""
+"""Links that connect the components of a mesh."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _MOST_NEIGHBOURS: Final = 128  # that are tried for a link's third corner: a hub
 
 @dataclass(frozen=True, eq=False)
 class Bridges:
-    """Faces that link the components of a surface to one."""
+    """Faces that connect the components of a surface."""
 
     faces: Ints  # (count - 1, 3); the first two corners are the link's ends
     lengths: Floats  # (count - 1,)
     area: float
-    """What the faces add to the surface's area."""
+    """Area that the faces add to the surface."""
 
 
 def bridge(surface: Surface) -> Bridges:
-    """Link the components of `surface` by the shortest possible links between their vertices.
+    """Connect the components of `surface` by the shortest links between their vertices.
 
     The links are a minimum spanning tree of the components. A link is an edge of a triangle; the third corner is a
     neighbour of one of its ends, the one that adds the least area. No vertex is added.
@@ -48,8 +48,8 @@ def bridge(surface: Surface) -> Bridges:
 def shortest_links(points: Floats, labels: Ints, count: int) -> Indices:
     """Return pairs of `points` (n, 3) that join `count` sets, labelled 0 .. count - 1, to one, (count - 1, 2).
 
-    They are a minimum spanning tree (Borůvka): in each round every set but the largest takes its shortest link to
-    any other, so the sets become half as many or fewer.
+    They are a minimum spanning tree (Borůvka): in each round every set except the largest takes its shortest link to
+    another, which at least halves the number of sets.
     """
     tree = build_boxes(points, points)
     ordered, labels = points[tree.order], labels[tree.order]
@@ -70,7 +70,7 @@ def shortest_links(points: Floats, labels: Ints, count: int) -> Indices:
 def _shortest_outgoing(
     points: Floats, labels: Ints, lower: Floats, upper: Floats, uniform: Ints, count: int, largest: int
 ) -> Indices:
-    """Return for each set the nearest (point of its own, point of another set), (count, 2)."""
+    """Return for each set its nearest pair (own point, point of another set), (count, 2)."""
     best = np.full(count, np.inf)
     pairs = np.zeros((count, 2), np.int64)
     stack = np.empty(64, np.int64)
@@ -99,9 +99,9 @@ def _shortest_outgoing(
 
 
 def _merge(ends: Ints, largest: int) -> tuple[Indices, Ints]:
-    """Join sets by links from `ends[:, 0]` to `ends[:, 1]`; return which links were needed, and new labels.
+    """Join sets by links from `ends[:, 0]` to `ends[:, 1]`; return the needed links, and new labels.
 
-    Both ends of the shortest link of all choose it, and equally long ones may close a ring: such are not needed.
+    Both ends of the shortest link choose it, and equally long links may close a cycle: such links are not needed.
     """
     sets = np.arange(len(ends), dtype=np.int32)
     taken = [label for label in range(len(ends)) if label != largest and join(sets, ends[label, 0], ends[label, 1])]
@@ -110,7 +110,7 @@ def _merge(ends: Ints, largest: int) -> tuple[Indices, Ints]:
 
 
 def _thinnest_faces(surface: Surface, links: Indices) -> tuple[Ints, Floats]:
-    """Return for each link the face with a neighbour of either end that has the least area, and its area."""
+    """Return for each link the face of least area with a neighbour of either end, and its area."""
     ends, others = links.ravel(), links[:, ::-1].ravel()
     neighbours, starts, counts = _neighbours(surface.faces, len(surface.vertices), ends)
     end = np.repeat(np.arange(len(ends)), counts)
@@ -123,7 +123,7 @@ def _thinnest_faces(surface: Surface, links: Indices) -> tuple[Ints, Floats]:
 
 
 def _neighbours(faces: Ints, vertex_count: int, ends: Indices) -> tuple[Indices, Indices, Indices]:
-    """Return a list of neighbours, and for each of `ends` where its own start there and how many they are."""
+    """Return a list of neighbours, and for each of `ends` the start and the number of its own."""
     wanted = np.zeros(vertex_count, bool)
     wanted[ends] = True
     near = faces[wanted[faces].any(axis=1)].astype(np.int64)

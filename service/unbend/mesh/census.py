@@ -1,4 +1,4 @@
-"""How the faces of a triangle list hang together: their fans around vertices, holes, orientation."""
+"""The topology of a triangle list: fans around vertices, holes, orientation."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Census:
 
     boundary_edges: int
     boundary_loops: int
-    """Rings of boundary edges, around holes or the whole surface. A ring stays in a fan, even where fans meet."""
+    """Rings of boundary edges, around holes or the whole surface. A ring stays within a fan, even where fans meet."""
     nonmanifold_edges: int
     nonmanifold_vertices: int
-    """Vertices where several fans meet; a fan is what remains connected across edges."""
+    """Vertices where several fans meet; the faces of a fan are connected across edges."""
     misoriented_edges: int
-    """Edges of two faces that run around in different directions."""
+    """Edges of two faces with different orientations."""
 
 
 def take_census(surface: Surface) -> Census:
@@ -50,12 +50,12 @@ def _next(corner: int) -> int:
 
 @kernel
 def _join_fans(vertex: Ints, twins: Ints, fan: Ints) -> int:
-    """Join the corners of each fan, across edges; return how many edges have faces of opposite orientation."""
+    """Join the corners of each fan across edges; return the number of edges whose faces have opposite orientations."""
     misoriented = 0
     for half_edge in range(len(vertex)):
         twin = twins[half_edge]
         if twin < half_edge:
-            continue  # a boundary, or joined already from the other side
+            continue  # a boundary, or an edge that the other side has joined already
         tail, twin_tail = _next(half_edge), _next(twin)
         head, twin_head = _next(tail), _next(twin_tail)
         if vertex[tail] == vertex[twin_tail]:

@@ -1,4 +1,4 @@
-"""Faces that say nothing about a surface, and counts that need no neighbours."""
+"""Removal of invalid and repeated faces, and counts that need no neighbours."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from unbend.tolerances import DEGENERATE_HEIGHT
 
 
 def cleaned(vertices: Floats, faces: Ints, report: MeshReport) -> Surface:
-    """Return the surface of all faces that say something, with what was found in its report.
+    """Return the surface of all valid faces, with the findings in its report.
 
-    Dropped are faces that use a coordinate that is not finite, that repeat a vertex, or that have the corners of
-    an earlier face. Faces of zero area stay: they may be what connects two others.
+    Faces with a coordinate that is not finite, with a repeated vertex, or with the corners of an earlier face are
+    dropped. Faces of zero area stay, because they may connect others.
 
     Raises
     ------
     MeshGeometryError
-        If no face with an area is left; a vertex that is not finite is named.
+        If no face with an area is left; the message names a vertex that is not finite.
     """
     faces, nonfinite, report = _drop_nonfinite(vertices, faces, report)
     faces, report = drop_repeats(faces, len(vertices), report)
@@ -54,7 +54,7 @@ def drop_repeats(faces: Ints, vertex_count: int, report: MeshReport) -> tuple[In
 
 
 def find_repeats(faces: Ints, vertex_count: int) -> tuple[Bools, Bools]:
-    """Say which `faces` (m, 3) repeat a vertex, and which others have the corners of an earlier face; each (m,)."""
+    """Return masks of the `faces` (m, 3) that repeat a vertex, and of those with the corners of an earlier face."""
     a, b, c = faces.T
     twice: Bools = (a == b) | (b == c) | (c == a)
     again: Bools = ~twice & (equal_faces(faces, vertex_count) != np.arange(len(faces)))

@@ -10,7 +10,7 @@ from unbend.mesh.surface import Surface
 
 
 def face_components(faces: Ints, vertex_count: int) -> tuple[int, Ints]:
-    """Return the number of components and each face's component, (m,); faces touch at a shared vertex.
+    """Return the number of components and the component of each face, (m,); a shared vertex connects faces.
 
     Components are numbered by their lowest vertices.
     """
@@ -23,7 +23,7 @@ def face_components(faces: Ints, vertex_count: int) -> tuple[int, Ints]:
 
 
 def largest_component(surface: Surface) -> tuple[Ints, int, float]:
-    """Return the faces of the component of the largest area, how many there are, and its share of the area."""
+    """Return the faces of the component of largest area, the number of components, and its share of the area."""
     count, component = face_components(surface.faces, len(surface.vertices))
     if count == 1:
         return surface.faces, 1, 1.0
@@ -35,7 +35,7 @@ def largest_component(surface: Surface) -> tuple[Ints, int, float]:
 
 @kernel
 def root(parent: Ints, item: int) -> int:
-    """Find the lowest member of an item's set, halving the way for those who come after."""
+    """Return the lowest member of an item's set, with path halving."""
     while parent[item] != item:
         parent[item] = parent[parent[item]]
         item = parent[item]
@@ -44,7 +44,7 @@ def root(parent: Ints, item: int) -> int:
 
 @kernel
 def join(parent: Ints, a: int, b: int) -> bool:
-    """Join the sets of two items; false if they were one already."""
+    """Join the sets of two items; return False if they were one already."""
     a, b = root(parent, a), root(parent, b)
     if a == b:
         return False

@@ -1,4 +1,4 @@
-"""Vertices of a mesh as it was given, on the surface that was read from it: reading may have simplified it."""
+"""The correspondence between the vertices of a file and of its surface, which reading may have simplified."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from unbend.mesh.surface import Surface
 
 
 def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
-    """Return the vertex of `surface` that a vertex of the mesh as it was given became.
+    """Return the vertex of `surface` for a vertex of the file.
 
     Raises
     ------
     UnsuitedError
-        If the mesh had no such vertex, or it vanished when the mesh was simplified; `what` names it in the message.
+        If the file has no such vertex, or simplification removed it; `what` names it in the message.
     """
     count = len(surface.vertices if surface.vertex_map is None else surface.vertex_map)
     if not 0 <= vertex < count:
@@ -27,9 +27,9 @@ def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
 
 
 def at_given_vertices(surface: Surface, distances: Floats) -> Floats:
-    """Return distances to the vertices of `surface`, (n,), as those to the vertices of the mesh as it was given.
+    """Return distances to the vertices of the file from distances to the vertices of `surface`, (n,).
 
-    Infinite for a vertex that vanished, as for one that cannot be reached.
+    Vertices that simplification removed have infinite distance, like unreachable ones.
     """
     if surface.vertex_map is None:
         return distances

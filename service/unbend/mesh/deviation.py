@@ -1,4 +1,4 @@
-"""How far points lie from a triangulated surface, exactly."""
+"""Exact distances of points from a triangulated surface."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from unbend.tolerances import DEGENERATE_HEIGHT
 def largest_distance(points: Floats, vertices: Floats, faces: Ints, near: Indices) -> float:
     """Return the largest distance of any of `points` (k, 3) from the triangles `faces` (m, 3) of `vertices`.
 
-    `near` (k,) names for each point a vertex that may be near it, -1 for none. A point that is nearer to the faces
-    there than the farthest point so far needs no search; so the points farthest from such faces come first.
+    `near` (k,) has for each point a vertex that may be near, -1 for none. A point that is nearer to the faces of that
+    vertex than the farthest point so far needs no search, so the points farthest from such faces come first.
     """
     low = vertices.min(axis=0)
     scale = float((vertices.max(axis=0) - low).max()) or 1.0
@@ -49,7 +49,7 @@ def _segment_distance(a0: float, a1: float, a2: float, b0: float, b1: float, b2:
 
 @kernel
 def triangle_distance(corners: Floats, face: int, x: float, y: float, z: float) -> float:
-    """Return the squared distance of a point from a triangle of any shape; it may be a line or a point."""
+    """Return the squared distance of a point from a triangle, which may be a line or a point."""
     a0, a1, a2 = corners[face, 0, 0] - x, corners[face, 0, 1] - y, corners[face, 0, 2] - z
     b0, b1, b2 = corners[face, 1, 0] - x, corners[face, 1, 1] - y, corners[face, 1, 2] - z
     c0, c1, c2 = corners[face, 2, 0] - x, corners[face, 2, 1] - y, corners[face, 2, 2] - z
@@ -65,7 +65,7 @@ def triangle_distance(corners: Floats, face: int, x: float, y: float, z: float) 
     )
     nearest = min(ab, bc, ca)
     if square <= (DEGENERATE_HEIGHT * longest) ** 2:
-        return nearest  # no normal to speak of, and no point inside that is not as near to an edge
+        return nearest  # no usable normal; the nearest point is on an edge
     if (
         _triple(n0, n1, n2, a0, a1, a2, b0, b1, b2) >= 0.0
         and _triple(n0, n1, n2, b0, b1, b2, c0, c1, c2) >= 0.0
@@ -78,7 +78,7 @@ def triangle_distance(corners: Floats, face: int, x: float, y: float, z: float) 
 
 @kernel
 def _fan_distances(points: Floats, corners: Floats, near: Indices, around: Indices, offsets: Indices) -> Floats:
-    """Squared distance of each point from the faces around a vertex, infinite where that is -1."""
+    """Squared distance of each point from the faces around a vertex, infinite if the vertex is -1."""
     distances = np.full(len(points), np.inf)
     for i in range(len(points)):
         if near[i] >= 0:
@@ -90,7 +90,7 @@ def _fan_distances(points: Floats, corners: Floats, near: Indices, around: Indic
 
 @kernel
 def _farthest(points: Floats, bounds: Floats, corners: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the largest squared distance of a point from the nearest triangle, no more than its bound."""
+    """Return the largest squared distance of a point from the nearest triangle, limited by its bound."""
     stack = np.empty(64, np.int64)
     leaves = len(lower) // 2
     farthest = 0.0
@@ -98,7 +98,7 @@ def _farthest(points: Floats, bounds: Floats, corners: Floats, lower: Floats, up
         x, y, z = points[i]
         nearest = bounds[i]
         stack[0], top = 1, 0
-        while top >= 0 and nearest > farthest:  # nearer than the farthest so far: how much nearer does not matter
+        while top >= 0 and nearest > farthest:  # stop once the point is nearer than the farthest so far
             node = stack[top]
             top -= 1
             if box_distance(lower, upper, node, x, y, z) >= nearest:

@@ -1,4 +1,4 @@
-"""How large a mesh may be."""
+"""Limits on the size of meshes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from unbend.errors import MeshTooLargeError
 
 @dataclass(frozen=True)
 class MeshLimits:
-    """Most vertices and triangles that a file may hold, before repair and simplification; None for any number."""
+    """Limits on the vertices and triangles of a file before repair and simplification; None for no limit."""
 
     vertices: int | None = None
     faces: int | None = None

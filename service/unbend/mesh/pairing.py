@@ -1,4 +1,4 @@
-"""Finding the boundary edges that are two sides of a seam."""
+"""Pairs of boundary edges that are the two sides of a seam."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Rims:
         return len(self.half_edge)
 
     def where(self, chosen: Bools | Ints) -> Rims:
-        """Return those that are chosen."""
+        """Return the chosen ones."""
         return Rims(self.half_edge[chosen], self.tail[chosen], self.head[chosen], self.apex[chosen])
 
     def without(self, joins: Joins) -> Rims:
-        """Return those that `joins` do not join."""
+        """Return the half-edges that `joins` do not contain."""
         joined = np.zeros(int(self.half_edge.max(initial=-1)) + 1, bool)
         joined[joins.half_edges] = True
         return self.where(~joined[self.half_edge])
@@ -44,7 +44,7 @@ class Rims:
 
 @dataclass(frozen=True, eq=False)
 class Joins:
-    """Pairs of half-edges, (k, 2) int32, and the vertices that become one, (k, 2 ends, 2 copies) int32."""
+    """Pairs of half-edges, (k, 2) int32, and the vertices to merge, (k, 2 ends, 2 copies) int32."""
 
     half_edges: Ints
     ends: Ints
@@ -58,23 +58,23 @@ class Joins:
         return len(self.half_edges)
 
     def where(self, chosen: Bools) -> Joins:
-        """Return those that are chosen."""
+        """Return the chosen ones."""
         return Joins(self.half_edges[chosen], self.ends[chosen])
 
     def and_(self, others: Joins) -> Joins:
-        """Return these, then others."""
+        """Return these joins followed by others."""
         if len(self) == 0:
             return others
         return Joins(np.concatenate([self.half_edges, others.half_edges]), np.concatenate([self.ends, others.ends]))
 
 
 def joins_between(surface: Surface, rims: Rims, places: Ints, *, soup: bool, misoriented: bool) -> Joins:
-    """Return the pairs of `rims` to join; `places` names the place of each vertex, (n,) int32.
+    """Return the pairs of `rims` to join; `places` has the place of each vertex, (n,) int32.
 
-    In a `soup` no two faces share an edge. Two half-edges alone at their place are a pair if they run in opposite
-    directions; with `misoriented` or in a soup, whatever their directions. Three or more are paired around the
-    edge, so that each pair bounds the solid between its faces; one without a partner stays alone. A soup is different
-    where more run one way than the other: all at that place are joined. Faces that lie on each other are never joined.
+    In a `soup` no two faces share an edge. Two half-edges that are alone at their place are a pair if their directions
+    are opposite; with `misoriented` or in a soup, for any directions. Three or more are paired around the edge, so that
+    each pair bounds the solid between its faces; one may stay alone. In a soup, all half-edges at a place are joined if
+    more run in one direction than in the other. Coincident faces are never joined.
     """
     tails, heads = places[rims.tail], places[rims.head]
     order = _sorted_by(np.maximum(tails, heads), np.arange(len(rims), dtype=np.int32), len(places))
@@ -119,16 +119,16 @@ def _sorted_by(ends: Ints, before: Ints, count: int) -> Ints:
 
 @kernel
 def _groups(tails: Ints, heads: Ints, order: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return where each group of half-edges at one place begins in `order`, and how many it has.
+    """Return the start in `order` and the size of each group of half-edges at one place.
 
-    The third array says how many more of them run from the lower place to the higher one than back.
+    The third array has the number of half-edges from the lower to the higher place minus the number of others.
     """
     starts, counts, balance = np.empty_like(order), np.zeros_like(order), np.zeros_like(order)
     groups, low, high = 0, -1, -1
     for i in range(len(order)):
         tail, head = tails[order[i]], heads[order[i]]
         if tail == head:
-            continue  # an edge without length is no side of a seam
+            continue  # an edge without length cannot be a side of a seam
         if min(tail, head) != low or max(tail, head) != high:
             low, high = min(tail, head), max(tail, head)
             starts[groups] = i
@@ -157,7 +157,7 @@ def _joins(pairs: Ints, half_edge: Ints, tail: Ints, head: Ints, apex: Ints, pla
 
 @kernel
 def _chained(order: Ints, starts: Ints, counts: Ints) -> Ints:
-    """Return each member of a group with the one after it, (k, 2) int32."""
+    """Return each member of a group paired with the next one, (k, 2) int32."""
     pairs = np.empty((counts.sum() - len(counts), 2), np.int32)
     count = 0
     for group in range(len(starts)):
@@ -200,7 +200,7 @@ def _angles_around(surface: Surface, rims: Rims, places: Ints) -> Floats:
 
 
 def _signed_volume(surface: Surface) -> float:
-    """Return the volume that faces enclose, positive where they run counterclockwise seen from outside."""
+    """Return the volume that faces enclose, positive if they are counterclockwise from outside."""
     used = surface.vertices[surface.used_vertices] / surface.scale
     a, b, c = np.moveaxis(surface.vertices[surface.faces] / surface.scale - used.mean(axis=0), 1, 0)
     return float((np.cross(a, b) * c).sum())
@@ -208,10 +208,10 @@ def _signed_volume(surface: Surface) -> float:
 
 @kernel
 def _match_around(angles: Floats, solid_ends: Bools, begins: Ints, counts: Ints, same: float, partner: Indices) -> None:
-    """Pair each face where a solid begins, counterclockwise, with the one where it ends; write into `partner` (k,).
+    """Pair each face where a solid begins, counterclockwise, with the face where it ends; write into `partner` (k,).
 
-    At one angle, ends come before beginnings. Members of a group come in the order of the file, and of faces at one
-    angle the last to begin is the first to end. So sheets that lie on each other each close with themselves.
+    At equal angles, ends come before beginnings. Members of a group keep the order of the file, and at equal angles the
+    last face to begin is the first to end, so that coincident sheets are paired within themselves.
     """
     for group in range(len(begins)):
         begin, count = begins[group], counts[group]

@@ -1,4 +1,4 @@
-"""What to do about defects that have more than one reasonable answer."""
+"""The policy for defects that have more than one reasonable repair."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, get_args
 
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 from unbend.jsons import JsonObject
 
 Components = Literal["largest", "bridge", "error"]
@@ -14,33 +14,33 @@ Components = Literal["largest", "bridge", "error"]
 Seams = Literal["stitch", "keep"]
 
 FEWEST_VERTICES: Final = 4
-"""A tetrahedron's: no closed surface has fewer."""
+"""Vertices of a tetrahedron: no closed surface has fewer."""
 
 MOST_ROUNDS: Final = 100
-"""Of smoothing: each enlarges the slowest waves by up to 0.09 %, so all of them by less than a tenth."""
+"""Most rounds of smoothing: each enlarges the slowest waves by up to 0.09 %, so all by less than a tenth."""
 
 
 @dataclass(frozen=True)
 class MeshPolicy(JsonObject):
-    """How reading treats a mesh that is cut along seams, is not connected, is noisy, or has more vertices than wanted.
+    """The policy for reading a mesh that is cut along seams, not connected, noisy, or too large.
 
-    Hashable, and the same after a round trip through JSON.
+    It is hashable, and a round trip through JSON does not change it.
 
     Parameters
     ----------
     components : {"largest", "bridge", "error"}, default "largest"
-        Keep the component with the largest area; or link the components to one, by the shortest possible links
-        between their vertices; or refuse a mesh of several. Vertices of dropped components stay in the surface,
-        so that indices do not shift; no face uses them.
+        Keep the component of largest area, connect the components by the shortest links between their vertices, or
+        refuse a mesh of several. Vertices of dropped components stay in the surface without faces, so that indices do
+        not change.
     max_vertices : int, optional
-        Simplify a mesh whose faces use more vertices. The surface then has vertices of its own, and its
-        `vertex_map` says where those of the mesh went.
+        Simplify a mesh whose faces use more vertices. The surface then has new vertices, and its `vertex_map` maps
+        those of the mesh to them.
     smooth : int, default 0
-        Rounds of smoothing (Taubin 1995), 0 to 100, that take noise off; indices stay. It comes before links and
-        simplification, so that these see the shape and not the noise.
+        Rounds of smoothing (Taubin 1995), 0 to 100, that remove noise without changing indices. Smoothing comes before
+        links and simplification, so that noise does not affect these.
     seams : {"stitch", "keep"}, default "stitch"
-        Join boundary edges whose ends coincide: files split vertices where normals or texture coordinates jump. The
-        copies of a vertex become one, and `vertex_map` says which. Or leave the surface cut there.
+        Join boundary edges whose ends coincide, because files split vertices where normals or texture coordinates
+        jump; `vertex_map` maps the copies of a vertex to one. Or leave the surface cut there.
 
     Raises
     ------
@@ -48,7 +48,7 @@ class MeshPolicy(JsonObject):
         If a value is not one of those listed, `max_vertices` is below 4, or `smooth` is not 0 to 100.
     """
 
-    called: ClassVar = "policy"
+    display_name: ClassVar = "policy"
 
     components: Components = "largest"
     max_vertices: int | None = None
@@ -57,8 +57,7 @@ class MeshPolicy(JsonObject):
 
     def __post_init__(self) -> None:
         for name, allowed in (("components", Components), ("seams", Seams)):
-            if (value := getattr(self, name)) not in get_args(allowed):
-                raise ParameterError(f"{name} must be one of {', '.join(get_args(allowed))}, not {value!r}")
+            check_choice(name, getattr(self, name), get_args(allowed))
         if self.max_vertices is not None and not _is_whole(self.max_vertices, FEWEST_VERTICES):
             raise ParameterError(
                 f"max_vertices must be a whole number from {FEWEST_VERTICES}, or None, not {self.max_vertices!r}"

@@ -1,9 +1,8 @@
-"""Reading a mesh file: bytes or a path in, a checked `Surface` out."""
+"""Reading of mesh files: from bytes or a path to a checked `Surface`."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,6 +17,7 @@ from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.rows import equal_points
 from unbend.mesh.surface import Surface
+from unbend.progress import Progress, ProgressCallback, ignore
 
 
 def read_mesh(
@@ -26,52 +26,53 @@ def read_mesh(
     file_type: str | None = None,
     policy: MeshPolicy | None = None,
     limits: MeshLimits | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Surface:
     """Read a mesh from a path, bytes or a binary file object.
 
     Parameters
     ----------
     source : bytes, str, Path or binary file
-        Where the mesh is. The format is told by content; polygons are cut into triangles.
+        The mesh. Its content determines the format; polygons are cut into triangles.
     file_type : str, optional
-        "off", "obj", "ply", "stl" or "glb": used where the content does not tell. A path's own by default.
+        "off", "obj", "ply", "stl" or "glb", for content that does not determine the format. By default the extension
+        of the path.
     policy : MeshPolicy, optional
-        What to do with seams, several components, noise, and more vertices than wanted. By default seams are joined,
-        and the largest component is kept.
+        Treatment of seams, several components, noise, and too many vertices. By default seams are joined, and the
+        largest component is kept.
     limits : MeshLimits, optional
-        Most vertices and triangles that the file may hold, whatever the policy makes of them; any number by default.
+        Most vertices and triangles of the file, before the policy applies; no limit by default.
     progress : callable, optional
-        Called with the name of each stage as it begins: "reading", "repairing".
+        Called with a `Progress` as each stage begins: "reading", "repairing".
 
     Returns
     -------
     Surface
-        Vertices are in the order of the file; in an stl file each facet has three of its own. Where copies of a vertex
-        were joined at a seam, or the policy has the mesh simplified, `vertex_map` says where each vertex of the file
-        went. `report` says what was found, done and skipped, and `report.warnings` what may make an answer wrong.
+        Vertices are in the order of the file; in an stl file each facet has its own three. If seams were joined or the
+        mesh was simplified, `vertex_map` maps the vertices of the file to those of the surface. `report` lists findings
+        and repairs, and `report.warnings` the reasons why results may be wrong.
 
     Raises
     ------
     MeshFormatError
-        If it is none of the formats above.
+        If the format is none of these.
     MeshReadError
         If the file is damaged; the message says where.
     MeshTooLargeError
-        If it holds more than `limits` allow; as soon as its header says so, where it has one.
+        If it has more than `limits` allow; a header is enough to refuse it.
     MeshGeometryError
-        If it holds no usable surface.
+        If it has no usable surface.
     OSError
         If a path cannot be read.
     """
-    report = progress or (lambda _stage: None)
-    report("reading")
+    report = progress or ignore
+    report(Progress("reading"))
     data, hint = _bytes_of(source)
     kind = detect_format(data, (file_type or hint).lower().lstrip("."))
     limits = limits or UNLIMITED
     limits.check(*REGISTRY[kind].announced(data))
     parsed = _parse(data, kind, limits)
-    report("repairing")
+    report(Progress("repairing"))
     return repair(parsed.vertices, parsed.faces, file_type=kind, notes=parsed.notes, policy=policy)
 
 
@@ -91,7 +92,7 @@ def _parse(data: bytes, kind: str, limits: MeshLimits) -> ParsedMesh:
             parsed = REGISTRY[kind].read(data, limits)
     except (MeshError, MemoryError):
         raise
-    except Exception as error:  # a damaged file fails in as many ways as there are damages
+    except Exception as error:  # damaged files fail in all kinds of ways
         raise MeshReadError(f"the {kind} file is damaged or incomplete") from error
     if not len(parsed.faces):
         raise MeshReadError(f"the {kind} file holds no triangles")
@@ -100,7 +101,7 @@ def _parse(data: bytes, kind: str, limits: MeshLimits) -> ParsedMesh:
 
 
 def _places(parsed: ParsedMesh, kind: str, limits: MeshLimits) -> int:
-    """Return how many vertices count: of stl, in which each facet has its own, as many as there are places."""
+    """Return the number of vertices for the limit; in stl, whose facets share none, the number of places."""
     number = len(parsed.vertices)
     if kind != "stl" or limits.vertices is None or number <= limits.vertices:
         return number

@@ -1,4 +1,4 @@
-"""From raw vertices and faces to a `Surface`: count what is wrong, mend it, and say so."""
+"""From raw vertices and faces to a `Surface`: count defects, repair them, and report both."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ def repair(
     notes: tuple[str, ...] = (),
     policy: MeshPolicy | None = None,
 ) -> Surface:
-    """Return the surface that raw `vertices` (n, 3) and `faces` (m, 3) describe.
+    """Return the surface of raw `vertices` (n, 3) and `faces` (m, 3).
 
-    Faces that use a coordinate that is not finite, repeat a vertex or repeat another face are dropped, and
-    `policy` says what happens to seams, to further components, to noise and to a mesh of many vertices. Vertices keep
-    their numbers, except where seams are joined or the mesh is simplified: then the surface's `vertex_map` says where
-    they went. Only smoothing and simplifying move vertices; joined copies take the place of the first. `notes` are
-    sentences for the report on what the file's reader skipped.
+    Faces with a coordinate that is not finite, with a repeated vertex, or equal to another face are dropped. `policy`
+    determines the treatment of seams, further components, noise and large meshes. Vertices keep their indices unless
+    seams are joined or the mesh is simplified; `vertex_map` then maps them. Only smoothing and simplification move
+    vertices; joined copies take the place of the first. `notes` are sentences of the reader for the report.
 
     Raises
     ------
@@ -56,16 +55,16 @@ def repair(
     surface = _smoothed(surface, policy.smooth)
     if policy.max_vertices is None or len(surface.used_vertices) <= policy.max_vertices:
         return _bridged(surface) if policy.components == "bridge" else surface
-    return _bridged(_simplified(surface, policy.max_vertices))  # collapses may part what hung together by a vertex
+    return _bridged(_simplified(surface, policy.max_vertices))  # collapses may separate parts that a vertex connected
 
 
 def _stitched(surface: Surface, policy: MeshPolicy) -> Surface:
-    """Join seams where the policy says so, and count the vertices that are still at the place of another."""
+    """Join seams if the policy says so, and count the vertices that still coincide with another."""
     places = equal_points(surface.vertices).astype(np.int32)
     result = stitched(surface, places) if policy.seams == "stitch" else surface
     if result.vertex_map is not None:
         first = np.empty(len(result.vertices), np.int64)
-        # where indices repeat, the last value written stays: the lowest copy
+        # for repeated indices the last value wins: that of the lowest copy
         first[result.vertex_map[::-1]] = np.arange(len(places))[::-1]
         places = places[first]
     taken = np.zeros(len(surface.vertices), bool)
@@ -102,7 +101,7 @@ def _loss(count: int, share: float, policy: MeshPolicy) -> str:
 
 
 def _smoothed(surface: Surface, rounds: int) -> Surface:
-    """Smooth `surface` where wanted; where not, say so if it is rough."""
+    """Smooth `surface` if the policy says so; otherwise warn if it is rough."""
     rough = roughness(surface)
     report = surface.report.adding(roughness=rough)
     if rounds == 0:

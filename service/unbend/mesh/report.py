@@ -1,4 +1,4 @@
-"""What reading a mesh found and did, in numbers and in plain words."""
+"""The report of reading a mesh: findings and repairs, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any, Final
 
 @dataclass(frozen=True)
 class MeshReport:
-    """Counts of what a mesh held, before repair, and in `notes` one sentence for each thing found or done.
+    """Counts of defects before repair, and in `notes` one sentence for each finding and repair.
 
-    Faces, and what makes a face useless, are counted in the mesh as it was given. Edges, loops, fans and orientation
-    are those of the faces kept, with seams joined, before smoothing, links and simplification.
+    Faces and invalid faces are counted in the given mesh. Edges, loops, fans and orientation are counted for the kept
+    faces with joined seams, before smoothing, links and simplification.
     """
 
     file_type: str = ""
@@ -31,15 +31,15 @@ class MeshReport:
     nonfinite_faces: int = 0
     """Faces that use such a vertex; dropped."""
     zero_area_faces: int = 0
-    """Faces of three different vertices that lie on a line; kept, for they may connect others."""
+    """Faces of three different vertices on a line; kept, because they may connect others."""
     coincident_vertices: int = 0
     """Used vertices with the coordinates of a used vertex of lower index, after stitching; kept apart."""
     boundary_loops: int = 0
     """Rings of boundary edges, around holes or the whole surface."""
     nonmanifold_vertices: int = 0
-    """Vertices where fans of faces meet that no edge connects."""
+    """Vertices where several fans of faces meet."""
     misoriented_edges: int = 0
-    """Edges whose two faces run around in different directions; distances do not depend on it."""
+    """Edges whose two faces have different orientations; distances do not depend on them."""
     links: int = 0
     """Faces added to link components."""
     longest_link: float = 0.0
@@ -47,32 +47,32 @@ class MeshReport:
     link_area: float = 0.0
     """Area that links add, in squared units of the mesh."""
     roughness: float = 0.0
-    """How much of the area is noise, roughly, before smoothing: the share of the bending that goes against the bending
-    around it, times the share of the area that a round of smoothing takes off."""
+    """Rough estimate of the share of noise in the area before smoothing: the share of bending against the surrounding
+    bending, times the share of the area that a round of smoothing removes."""
     smoothing_rounds: int = 0
     area_change: float | None = None
-    """By what share smoothing changed the area, -0.1 for a tenth less; None where there was none."""
+    """Relative change of the area by smoothing, -0.1 for a tenth less; None without smoothing."""
     simplified_vertices: int | None = None
-    """Vertices after simplification, None where there was none."""
+    """Vertices after simplification; None without it."""
     deviation: float | None = None
     """Largest distance of a vertex of the mesh from the simplified surface, in units of the mesh."""
     relative_deviation: float | None = None
     """`deviation` over the square root of the mesh's area."""
     seams: int = 0
-    """Pairs of boundary edges at one place that were joined."""
+    """Joined pairs of boundary edges."""
     seam_tolerance: float | None = None
-    """Largest distance allowed between ends that were joined, in units of the mesh; None where all were equal."""
+    """Largest allowed distance of joined ends, in units of the mesh; None if all were equal."""
     area_kept: float = 1.0
-    """Share of the area in the component that was kept; 1 where all components were."""
+    """Share of the area in the kept component; 1 if all components were kept."""
     warnings: tuple[str, ...] = ()
-    """Sentences that say why the surface may not be what the file's owner means, and what to do."""
+    """Reasons why the surface may differ from what the owner of the file means, and what to do."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON values."""
         return asdict(self) | {"notes": list(self.notes), "warnings": list(self.warnings)}
 
     def adding(self, note: str | None = None, **counts: Any) -> MeshReport:
-        """Return the report with further values and, where there is one, a note."""
+        """Return the report with further values and an optional note."""
         return replace(self, **counts, notes=(*self.notes, note) if note else self.notes)
 
     def warning(self, sentence: str) -> MeshReport:
@@ -80,7 +80,7 @@ class MeshReport:
         return replace(self, warnings=(*self.warnings, sentence))
 
     def described(self) -> MeshReport:
-        """Return the report with a note for each count that is not zero, before the notes it has."""
+        """Return the report with a note for each nonzero count, before the other notes."""
         counted = [
             f"{counted_noun(count, one, many)}{rest}"
             for field, one, many, rest in _SENTENCES

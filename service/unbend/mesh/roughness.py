@@ -1,4 +1,4 @@
-"""Is a surface noisy? One number that tells noise from shape."""
+"""The roughness of a surface: a number that distinguishes noise from shape."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from unbend.mesh.smooth import SHRINK, SWELL, boundary_edges
 from unbend.mesh.surface import Surface
 
 ROUGH: Final = 0.02
-"""Roughness above which a surface is said to be rough.
+"""Roughness above which a surface counts as rough.
 
-Chosen on the meshes of the table that benchmarks/robustness.py prints: twice what the roughest clean one has, and less
-than any of 20 vertices or more has with noise of 0.3 edges. The analytic shapes of the tests took no part, and agree.
+Chosen on the meshes of the table that benchmarks/retrieval/robustness.py prints: twice the roughness of the roughest
+clean mesh, and less than that of any mesh of 20 vertices or more with noise of 0.3 edges. The analytic shapes of the
+tests agree, and were not used for the choice.
 """
 
 
 def roughness(surface: Surface) -> float:
-    """Return how much of the area of `surface` is noise, roughly, 0 to 1.
+    """Return a rough estimate of the share of noise in the area of `surface`, 0 to 1.
 
-    Noise has two marks. Where there is some, the surface bends at a vertex against its bending around: half of all
-    bending does in noise, however little there is, and hardly any on a shape that its triangles are fine enough for.
-    And noise has an area, which a round of smoothing takes off; but that rounds edges off, too. This is the product
-    of the two shares, so it is small for a shape of few triangles and for noise of no account. Boundaries are left
-    out of it.
+    Noise has two marks. First, the surface bends at a vertex against the surrounding bending: half of all bending does
+    so in noise of any strength, and hardly any on a shape with fine enough triangles. Second, noise has area, which a
+    round of smoothing removes; but smoothing also rounds edges. The result is the product of both shares, so it is
+    small for a shape of few triangles and for weak noise. Boundaries are not counted.
     """
     points, faces, neighbours = _placed(surface), surface.faces, _neighbour_counts(surface)
     towards = _towards_means(points, faces, neighbours)
@@ -43,11 +43,11 @@ def roughness(surface: Surface) -> float:
     return against * max(0.0, 1.0 - left)
 
 
-# Below, what vertices have stands in rows, one an axis: kernels over rows of three took several times as long.
+# Below, vertex data have one row for each axis: kernels over rows of three took several times as long.
 
 
 def _placed(surface: Surface) -> Floats:
-    """Return the vertices near the origin, for an extent of about 1, (3, n); those that no face uses at it."""
+    """Return the vertices scaled to an extent of about 1 near the origin, (3, n); unused ones are at the origin."""
     used = surface.used_vertices
     placed = (surface.vertices[used] - surface.vertices[used[0]]) / surface.scale
     if len(used) == len(surface.vertices):
@@ -58,14 +58,14 @@ def _placed(surface: Surface) -> Floats:
 
 
 def _neighbour_counts(surface: Surface) -> Indices:
-    """Return twice the number of neighbours, who are in two faces each; 0 where faces are not all around, (n,)."""
+    """Return twice the number of neighbours, each in two faces, (n,); 0 at boundaries."""
     counts = 2 * np.bincount(surface.faces.ravel(), minlength=len(surface.vertices))
     counts[boundary_edges(surface)] = 0
     return counts
 
 
 def _towards_means(points: Floats, faces: Ints, neighbours: Indices) -> Floats:
-    """Return the way from each vertex to the mean of its neighbours, (3, n); zero where faces are not all around."""
+    """Return the vector from each vertex to the mean of its neighbours, (3, n); zero at boundaries."""
     means = _sums_of_others(points, faces) / np.maximum(neighbours, 1)
     return np.where(neighbours > 0, means - points, 0.0)
 
@@ -85,7 +85,7 @@ def _normals(points: Floats, faces: Ints) -> Floats:
 
 @kernel
 def _add_others(values: Floats, faces: Ints, sums: Floats) -> None:
-    """Add to each vertex the values, (k, n), of the other two of each of its faces."""
+    """Add to each vertex the values (k, n) of the other two vertices of each of its faces."""
     for row in range(len(values)):
         for face in range(len(faces)):
             a, b, c = faces[face]
@@ -97,7 +97,7 @@ def _add_others(values: Floats, faces: Ints, sums: Floats) -> None:
 
 @kernel
 def _add_normals(points: Floats, faces: Ints, normals: Floats) -> None:
-    """Add to each vertex the normals of its faces, which are as long as these are large."""
+    """Add to each vertex the area normals of its faces."""
     for face in range(len(faces)):
         a, b, c = faces[face]
         ux, uy, uz = points[0, b] - points[0, a], points[1, b] - points[1, a], points[2, b] - points[2, a]

@@ -1,4 +1,4 @@
-"""Equal rows of large arrays, found by sorting one hash a row instead of the rows themselves."""
+"""Equal rows of large arrays, found by sorting one hash for each row instead of the rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _Hashes = NDArray[np.uint64]
 
 def equal_points(points: Floats) -> Indices:
     """Return for each row of `points` (n, 3) the first row with the same coordinates, (n,)."""
-    points = np.ascontiguousarray(points) + 0.0  # -0.0 becomes 0.0, so that equal numbers have equal bits
+    points = np.ascontiguousarray(points) + 0.0  # turns -0.0 into 0.0, so that equal numbers have equal bits
     hashes = np.zeros(len(points), np.uint64)
     for axis in range(3):
         hashes = _mix(hashes ^ points.view(np.uint64)[:, axis])
@@ -30,17 +30,17 @@ def equal_faces(faces: Ints, vertex_count: int) -> Indices:
 
 
 def _first_equal(hashes: _Hashes, rows: Callable[[Indices], NDArray[Any]]) -> Indices:
-    """Return each row's first equal; `rows` gives the rows themselves, asked for only where hashes are equal."""
+    """Return the first equal row of each; `rows` returns rows, which are compared only if hashes are equal."""
     first = np.arange(len(hashes))
     ordered = np.sort(hashes)
     if not (ordered[1:] == ordered[:-1]).any():
-        return first  # the usual case, and several times faster than finding out which row is which
+        return first  # the usual case, several times faster than comparing rows
     order = np.argsort(hashes)
     repeats = hashes[order[1:]] == hashes[order[:-1]]
     order = order[np.append(repeats, False) | np.insert(repeats, 0, False)]
     values = rows(order)
     changes = (values[1:] != values[:-1]).any(axis=1)
-    if (changes & (hashes[order[1:]] == hashes[order[:-1]])).any():  # different rows of one hash: sort by the rows
+    if (changes & (hashes[order[1:]] == hashes[order[:-1]])).any():  # different rows with one hash: sort by the rowss
         by_value = np.lexsort(values.T)
         order, values = order[by_value], values[by_value]
         changes = (values[1:] != values[:-1]).any(axis=1)

@@ -1,4 +1,4 @@
-"""Fewer vertices for a surface, and where each of its vertices went."""
+"""Simplification of a surface, with a map of its vertices."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from unbend.mesh.report import MeshReport
 from unbend.mesh.surface import Surface
 
 _ROUNDS: Final = 10
-_NUDGE: Final = 1e-9  # of the surface's extent: far below any deviation, far above rounding
-_LOCK: Final = threading.Lock()  # the library keeps the mesh it works on in global variables
+_NUDGE: Final = 1e-9  # share of the extent: far below any deviation, far above rounding
+_LOCK: Final = threading.Lock()  # the library keeps its mesh in global variables
 
 
 @dataclass(frozen=True, eq=False)
 class Simplified:
-    """Arrays of a simpler surface, every vertex of which is used, and how it came to be."""
+    """A simplified surface, all of whose vertices are used, and its relation to the original."""
 
     vertices: Floats  # (k, 3)
     faces: Ints  # (f, 3)
     vertex_map: Indices
-    """For each vertex of the surface given its vertex here, -1 where it has none, (n,)."""
+    """For each original vertex its new vertex, -1 for none, (n,)."""
     deviation: float
-    """Largest distance of a vertex of the surface given from this one."""
+    """Largest distance of an original vertex from the new surface."""
 
 
 def simplify(surface: Surface, most: int) -> Simplified:
-    """Collapse edges of `surface`, those first that bend it least, until at most `most` vertices are left.
+    """Collapse the edges of `surface` that change it least, until at most `most` vertices are left.
 
-    Quadric error metrics (Garland & Heckbert 1997) as fast-simplification does them. Collapses may part a surface
-    where it hangs together by a vertex.
+    Quadric error metrics (Garland & Heckbert 1997) by fast-simplification. Collapses may separate parts that only a
+    vertex connects.
 
     Raises
     ------
     MeshGeometryError
-        If the surface cannot be simplified so far.
+        If the surface cannot be simplified that far.
     """
     # The library wants neighbours near in memory (several times faster than a shuffled mesh), and a surface of the
     # size its thresholds were made for, at the origin.
@@ -63,7 +63,7 @@ def simplify(surface: Surface, most: int) -> Simplified:
 
 
 def _collapse_to(most: int, vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Indices]:
-    """Collapse in rounds, for the library counts faces and not vertices; each goes on where the last one stopped."""
+    """Collapse in rounds, because the library counts faces, not vertices; each round continues the last one."""
     into = np.arange(len(vertices))
     before = len(vertices) + 1
     for _ in range(_ROUNDS):
@@ -82,8 +82,8 @@ def _collapse_to(most: int, vertices: Floats, faces: Ints) -> tuple[Floats, Ints
 
 
 def _collapse(vertices: Floats, faces: Ints, target: int) -> tuple[Floats, Ints, Indices]:
-    """Collapse edges until `target` faces are left; return what is left and where each vertex went."""
-    library = import_module("fast_simplification")  # costs time and memory that only those pay who simplify
+    """Collapse edges until `target` faces are left; return the mesh and the new vertex of each vertex."""
+    library = import_module("fast_simplification")  # imported here, because it costs time and memory
     vertices = _nudged(vertices, faces)
     with _LOCK:
         left, _, collapses = library.simplify(vertices, faces, target_count=target, return_collapses=True)
@@ -92,14 +92,14 @@ def _collapse(vertices: Floats, faces: Ints, target: int) -> tuple[Floats, Ints,
     while (heir != heir[heir]).any():
         heir = heir[heir]
     images, _ = drop_repeats(heir[faces], len(vertices), MeshReport())
-    survivors = np.unique(images)  # in the order in which the library returns them
+    survivors = np.unique(images)  # the library returns them in this order
     place = np.full(len(vertices), -1)
     place[survivors] = np.arange(len(survivors))
     return left, place[images].astype(np.int32), _adopted(place[heir], faces)
 
 
 def _nudged(vertices: Floats, faces: Ints) -> Floats:
-    """Give faces without an area a plane, whichever: the library computes one for each, and never touches a NaN."""
+    """Give faces without an area any plane: the library computes one for each face, and skips NaN."""
     flat = np.unique(faces[triangle_areas(vertices, faces, 1.0) == 0])
     vertices = vertices.copy()
     vertices[flat] += np.random.default_rng(0).normal(0.0, _NUDGE, (len(flat), 3))
@@ -107,7 +107,7 @@ def _nudged(vertices: Floats, faces: Ints) -> Floats:
 
 
 def _adopted(place: Indices, faces: Ints) -> Indices:
-    """Give vertices whose faces all collapsed the place of a neighbour, or of a neighbour's neighbour, and so on."""
+    """Map vertices whose faces all collapsed to the vertex of the nearest neighbour that has one."""
     while True:
         corners = place[faces]
         lost = corners < 0
@@ -119,7 +119,7 @@ def _adopted(place: Indices, faces: Ints) -> Indices:
 
 
 def _restored(vertices: Floats, points: Floats, into: Indices) -> Floats:
-    """Give vertices that stand for themselves alone, and so were not moved, their exact coordinates back."""
+    """Restore the exact coordinates of vertices that were not merged, and so did not move."""
     has = np.flatnonzero(into >= 0)
     alone = has[np.bincount(into[has], minlength=len(vertices))[into[has]] == 1]
     vertices[into[alone]] = points[alone]
@@ -127,5 +127,5 @@ def _restored(vertices: Floats, points: Floats, into: Indices) -> Floats:
 
 
 def through(first: Indices, second: Indices) -> Indices:
-    """Follow one map after another: -1 in the first stays -1."""
+    """Compose two maps; -1 in the first stays -1."""
     return np.where(first >= 0, second[first], -1)

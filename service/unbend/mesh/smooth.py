@@ -1,4 +1,4 @@
-"""Noise taken off a surface: Taubin's lambda-mu smoothing."""
+"""Smoothing of a surface: Taubin's lambda-mu smoothing."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from unbend.mesh.surface import Surface
 
 SHRINK: Final = 0.5
 SWELL: Final = -0.53
-"""Lambda and mu (Taubin 1995): what has a frequency below 1 / lambda + 1 / mu, 0.11 of at most 2, is kept."""
+"""Lambda and mu (Taubin 1995): frequencies below 1 / lambda + 1 / mu, 0.11 of at most 2, are kept."""
 
 
 def smoothed_vertices(surface: Surface, rounds: int) -> Floats:
     """Return the vertices of `surface` after rounds of smoothing, (n, 3), in units of the vertices.
 
-    In a round every vertex goes half of the way to the mean of its neighbours, then 53 % of that way back: noise is
-    taken off, and the surface keeps its size, for what is much larger than its triangles passes. Vertices on the
-    boundary have none but boundary vertices for neighbours, so an outline is smoothed along itself. Those that no
-    face uses stay.
+    In a round every vertex moves half of the way to the mean of its neighbours, then 53 % of that way back. This
+    removes noise and keeps the size, because features much larger than the triangles pass. Boundary vertices have only
+    boundary vertices as neighbours, so that an outline is smoothed along itself. Vertices without a face do not move.
 
     G. Taubin, "A signal processing approach to fair surface design", SIGGRAPH 1995.
     """
@@ -30,7 +29,7 @@ def smoothed_vertices(surface: Surface, rounds: int) -> Floats:
     identity = eye_array(len(used), format="csr")
     steps = [(1 - share) * identity + share * means for share in (SHRINK, SWELL)]
     vertices = surface.vertices.copy()
-    middle = vertices[used[0]]  # far from the origin, rounding would be larger than the steps
+    middle = vertices[used[0]]  # near the origin, because rounding could otherwise exceed the steps
     points = vertices[used] - middle
     for _ in range(rounds):
         for step in steps:
@@ -50,7 +49,7 @@ def _ends(surface: Surface, starts: Ints) -> Ints:
 
 
 def _neighbour_means(surface: Surface) -> csr_array:
-    """Return the matrix that takes values at the k used vertices to the means of their neighbours', (k, k)."""
+    """Return the matrix that maps values at the k used vertices to the means over their neighbours, (k, k)."""
     used, rim = surface.used_vertices, boundary_edges(surface)
     place = np.zeros(len(surface.vertices), np.int32)
     place[used] = np.arange(len(used))

@@ -1,4 +1,4 @@
-"""Joining the two sides of a seam: a file has an edge there twice, between copies of its vertices."""
+"""Stitching of seams, where a file has an edge twice, between copies of its vertices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _GENTLE_TURNS: Final = 16  # rounds that take back as few joins as they can; lat
 
 @dataclass(frozen=True, eq=False)
 class _Seams:
-    """Joins, and for each vertex the lowest of those joined with it, (n,) int32."""
+    """Joins, and for each vertex the lowest vertex joined with it, (n,) int32."""
 
     joins: Joins
     into: Ints
@@ -30,7 +30,7 @@ class _Seams:
 
 @dataclass(frozen=True, eq=False)
 class _Spoilt:
-    """Half-edges of edges that joins spoil, as vertices (k, 2), and the number of each one's edge, (k,), rising."""
+    """Half-edges of invalid edges, as vertices (k, 2), and the ascending number of each edge, (k,)."""
 
     ends: Ints
     edge: Indices
@@ -39,14 +39,13 @@ class _Spoilt:
 def stitched(surface: Surface, places: Ints) -> Surface:
     """Join boundary edges of `surface` whose ends coincide, in pairs, and so the copies of their vertices.
 
-    `places` names for each vertex the first one with the same coordinates, (n,) int32. Edges that run in opposite
-    directions are joined: first those whose ends are equal bit for bit, then those whose ends differ in the last
-    digits. Last come edges of faces that run around in different directions. No join makes an edge of more than two
-    faces, except in a soup, where no two faces share an edge: it does not say which faces belong together. Vertices
-    that touch without a joined edge stay apart.
+    `places` has for each vertex the first one with the same coordinates, (n,) int32. Edges of opposite directions are
+    joined: first those with equal ends, then those whose ends differ in the last digits, and last edges of faces with
+    different orientations. No join makes an edge of more than two faces, except in a soup, whose faces share no edge,
+    because a soup does not tell which faces belong together. Vertices that touch without a joined edge stay separate.
 
-    The result keeps the lowest copy of each vertex, in the same order. `vertex_map` says where each vertex went; it is
-    None where nothing was joined.
+    The result keeps the lowest copy of each vertex, in the same order. `vertex_map` maps each vertex to its copy; it is
+    None if nothing was joined.
     """
     if surface.edges.boundary == 0:
         return surface
@@ -68,7 +67,7 @@ def stitched(surface: Surface, places: Ints) -> Surface:
 
 
 def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surface:
-    """Drop faces that have a place twice and share no edge; in a soup also faces at the places of another."""
+    """Drop faces with a repeated place and no shared edge; in a soup also faces at the places of another."""
     loose = np.flatnonzero(_loose(surface))
     twice, again = find_repeats(places[surface.faces[loose]], len(places))
     dropped = twice | again if soup else twice
@@ -83,7 +82,7 @@ def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surfac
 
 
 def _loose(surface: Surface) -> Bools:
-    """Say which faces share no edge with another, (m,)."""
+    """Return a mask of the faces that share no edge with another, (m,)."""
     rims = np.zeros(3 * len(surface.faces), bool)
     rims[Rims.of(surface).half_edge] = True
     loose: Bools = np.logical_and.reduce(rims.reshape(-1, 3), axis=1)
@@ -91,7 +90,7 @@ def _loose(surface: Surface) -> Bools:
 
 
 def _left(surface: Surface, seams: _Seams) -> Rims:
-    """Return the boundary half-edges that are not joined."""
+    """Return the boundary half-edges without a join."""
     return Rims.of(surface).without(seams.joins)
 
 
@@ -111,10 +110,10 @@ def _joining(seams: _Seams, surface: Surface, places: Ints, soup: bool, *, misor
 
 
 def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools:
-    """Say which `joins` to take back, (k,).
+    """Return a mask of the `joins` to undo, (k,).
 
-    `gently`, these are the joins at the end of each spoilt edge that has fewest; otherwise those at all its ends.
-    Where no end has a join, they are those at the other copies of its ends.
+    If `gently`, these are the joins at the end of each invalid edge with the fewest; otherwise the joins at all its
+    ends. If no end has a join, they are the joins at the other copies of its ends.
     """
     ends, marked = joins.ends.reshape(-1, 4), np.zeros(len(into), bool)
     if gently:
@@ -134,7 +133,7 @@ def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools
 
 
 def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
-    """Return the edges that lose their length by `into`, or become one edge of more than two faces."""
+    """Return the edges that `into` contracts to a point, or gives more than two faces."""
     merged = into[faces]
     edges = find_edges(merged, len(into))
     suspect = edges.order[np.repeat(edges.counts > 2, edges.counts)]
@@ -158,7 +157,7 @@ def _edge_keys(ends: Ints, count: int) -> Indices:
 
 
 def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
-    """Return `places`, with places of the rims that lie within the tolerance of each other made one."""
+    """Return `places` with the places of the rims merged that lie within the tolerance of each other."""
     tolerance = SEAM_GAP * surface.extent
     on_rims = np.zeros(len(places), bool)
     on_rims[places[rims.tail]] = on_rims[places[rims.head]] = True
@@ -167,7 +166,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     if len(ends) < 2:
         return places
     points = (surface.vertices[ends] - surface.vertices[ends].min(axis=0)) / tolerance
-    # All points of a cell are near each other. Only its first point looks for pairs, so that crowds do not make many.
+    # All points of a cell are near each other. Only the first searches for pairs, so that dense cells create few.
     cells = np.floor(points * 3**0.5).astype(np.int64) @ (1 << np.array([0, 21, 42]))
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     pairs = first[cKDTree(points[first]).query_pairs(1.0, output_type="ndarray")]
@@ -176,7 +175,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     into = np.arange(len(places), dtype=np.int32)
     within = np.stack([np.arange(len(ends)), first[cell]], axis=1)
     _unite(ends[np.concatenate([within, pairs])][:, None], into)
-    # Crowds may make chains: a point farther from the first of its chain than half the tolerance stays alone.
+    # Dense cells may form chains: a point farther than half the tolerance from the first of its chain stays alone.
     apart = (surface.vertices[ends] - surface.vertices[into[ends]]) / tolerance
     alone = ends[(apart**2).sum(axis=1) > 0.25]
     into[alone] = alone
@@ -185,7 +184,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
 
 
 def _shortest_edges(surface: Surface, ends: Indices, places: Ints) -> Floats:
-    """Return the length of the shortest edge from each of the places `ends` to another place, (k,)."""
+    """Return the length of the shortest edge from each place in `ends` to another place, (k,)."""
     wanted = np.zeros(len(places), bool)
     wanted[ends] = True
     corners = places[surface.faces]
@@ -202,12 +201,12 @@ def _shortest_edges(surface: Surface, ends: Indices, places: Ints) -> Floats:
 
 
 def _adopted(into: Ints, whole: Surface, surface: Surface, places: Ints) -> Ints:
-    """Return `into` with the corners of dropped faces sent to a vertex at their place, where there is one."""
+    """Return `into` with the corners of dropped faces mapped to a vertex at their place, if there is one."""
     lost = np.setdiff1d(whole.used_vertices, surface.used_vertices, assume_unique=True)
     if len(lost) == 0:
         return into
     at_place = np.full(len(places), -1, np.int32)
-    used = surface.used_vertices[::-1]  # the last value written stays: the lowest vertex
+    used = surface.used_vertices[::-1]  # the last value wins: the lowest vertex
     at_place[places[used]] = used
     heirs, into = at_place[places[lost]], into.copy()
     _unite(np.stack([lost, heirs], axis=1).astype(np.int32)[heirs >= 0][:, None], into)
@@ -224,7 +223,7 @@ def _compact(surface: Surface, into: Ints) -> Surface:
 
 @kernel
 def _unite(ends: Ints, into: Ints) -> None:
-    """Join the pairs of vertices `ends` (k, e, 2): `into` (n,) then names the lowest vertex of each set."""
+    """Join the pairs of vertices `ends` (k, e, 2); `into` (n,) then has the lowest vertex of each set."""
     for i in range(len(ends)):
         for end in range(ends.shape[1]):
             join(into, ends[i, end, 0], ends[i, end, 1])

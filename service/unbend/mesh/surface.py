@@ -1,4 +1,4 @@
-"""The value that every later step starts from: a triangulated surface."""
+"""Triangulated surfaces."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from unbend.mesh.report import MeshReport
 from unbend.mesh.topology import Edges, find_edges
 
 LARGEST_EXTENT: Final = 1e140
-"""Surfaces larger than this, or smaller than its inverse, are refused.
+"""Largest extent of a surface; the smallest is its inverse.
 
-Squared lengths, the areas of thin faces and sums of areas then stay well inside the range of double precision.
+Squared lengths, areas of thin faces and sums of areas then stay within the range of double precision.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A triangulated surface; it need not be closed, connected, oriented or manifold.
+    """A triangulated surface, not necessarily closed, connected, oriented or manifold.
 
     Parameters
     ----------
     vertices : (n, 3) float64
-        Coordinates, in any unit. Vertices that no face uses are allowed: distances to them are infinite.
+        Coordinates, in any unit. Distances to vertices without a face are infinite.
     faces : (m, 3) int32
         Indices of each triangle's corners.
     report : MeshReport
-        What reading found and repaired; empty for a surface made in memory.
+        Findings and repairs of reading; empty for a surface made in memory.
     vertex_map : (k,) int64, optional
-        The vertex here of each of the k vertices of the given mesh, -1 where it has none. None where no seam was
-        joined and the mesh was not simplified: then the vertices are those of the mesh.
+        For each of the k vertices of the file its vertex, -1 for none. None if no seam was joined and the mesh was not
+        simplified: then the vertices are those of the file.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class Surface:
 
     @cached_property
     def edges(self) -> Edges:
-        """The edges, and which faces meet at each."""
+        """The edges, and the faces at each."""
         return find_edges(self.faces, len(self.vertices))
 
     @cached_property
@@ -74,7 +74,7 @@ class Surface:
 
     @property
     def scale(self) -> float:
-        """Power of two above `extent`, 1 if that is 0: dividing by it keeps squares in range and rounds nothing."""
+        """Power of two above `extent`, or 1: division by it keeps squares in range without rounding."""
         return float(np.ldexp(1.0, np.frexp(self.extent)[1]))
 
     @cached_property
@@ -84,7 +84,7 @@ class Surface:
 
     @cached_property
     def used_vertices(self) -> Indices:
-        """Vertices that faces use, in rising order."""
+        """Vertices of faces, in ascending order."""
         used = np.zeros(len(self.vertices), bool)
         used[self.faces] = True
         return frozen(np.flatnonzero(used), np.int64)
@@ -104,7 +104,7 @@ class Surface:
         )
 
     def with_report(self, report: MeshReport) -> Surface:
-        """Return the same surface with another report; arrays, and what was computed of them, are shared."""
+        """Return the same surface with another report; arrays and computed values are shared."""
         other = copy(self)
         object.__setattr__(other, "report", report)
         return other

@@ -14,8 +14,8 @@ from unbend.jit import inlined, kernel
 class Edges:
     """The undirected edges of a triangle list, found by sorting its half-edges once.
 
-    Half-edge `3 f + i` lies opposite corner `i` of face `f`. `order` sorts half-edges so that those of one
-    edge stand together; `starts` says where each edge begins in that order, `counts` how many faces it has.
+    Half-edge `3 f + i` is opposite corner `i` of face `f`. `order` sorts half-edges by edge; `starts` has the start of
+    each edge in that order, and `counts` its number of faces.
     """
 
     order: Ints  # (3 m,) int32
@@ -33,7 +33,7 @@ class Edges:
         return int((self.counts > 2).sum())
 
     def twins(self) -> Ints:
-        """For each half-edge the next one of the same edge, cyclically, or -1 on the boundary, (3 m,) int32."""
+        """For each half-edge the cyclically next one of its edge, or -1 on the boundary, (3 m,) int32."""
         twins: Ints = _twins(self.order, self.starts, self.counts)
         return twins
 

@@ -1,4 +1,4 @@
-"""Writing triangles as a file."""
+"""Writing of triangles as files."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from typing import Any, Final
 import numpy as np
 
 from unbend.arrays import Floats, Ints
-from unbend.errors import ParameterError
+from unbend.errors import check_choice
+from unbend.mesh.formats import WRITTEN
 from unbend.mesh.formats.registry import REGISTRY
 
-MESH_FORMATS: Final = ("ply", "obj", "off", "glb")
-ALL_FORMATS: Final = (*MESH_FORMATS, "json", "npz")
+ALL_FORMATS: Final = (*WRITTEN, "json", "npz")
 TEXTURE_FORMATS: Final = ("obj", "glb", "json", "npz")
-"""Those that hold texture coordinates."""
+"""Formats with texture coordinates."""
 
 
 def check_format(file_type: str, formats: tuple[str, ...] = ALL_FORMATS) -> str:
-    """Return `file_type` if it is one of `formats`; ParameterError names those."""
-    if file_type not in formats:
-        raise ParameterError(f"format must be one of {', '.join(formats)}, not {file_type!r}")
+    """Return `file_type` if it is one of `formats`; otherwise ParameterError lists them."""
+    check_choice("format", file_type, formats)
     return file_type
 
 
@@ -38,23 +37,22 @@ def write_mesh(
     Parameters
     ----------
     vertices : (n, 3) float64
-        Coordinates that are not finite, which only vertices without a face may have, are written as zero in all
-        formats but npz; so are those of `uv`.
+        Coordinates that are not finite, which only vertices without a face may have, become zero in all formats except
+        npz; so do those of `uv`.
     faces : (m, 3) int32
     file_type : str
-        "ply", "obj", "off", "glb", "json" (members `vertices` and `faces`) or "npz" (arrays of those names). ply and
-        glb keep single precision, the others all digits.
+        "ply", "obj", "off", "glb", "json" (members `vertices` and `faces`) or "npz" (arrays of the same names). ply and
+        glb have single precision, the others all digits.
     colours : (n, 3) float64, optional
-        Red, green and blue of each vertex, from 0 to 1; 8 bits of each are kept, four digits in obj, all in json
-        and npz.
+        Red, green and blue of each vertex, from 0 to 1, with 8 bits; four digits in obj, all in json and npz.
     uv : (n, 2) float64, optional
-        Texture coordinates of each vertex, for "obj", "glb", "json" and "npz". glb keeps them, not the
-        colours, where there are both.
+        Texture coordinates of each vertex, for "obj", "glb", "json" and "npz". glb keeps them instead of colours if
+        both are given.
 
     Raises
     ------
     ParameterError
-        If the format is none of those.
+        If the format is none of these.
     """
     check_format(file_type, ALL_FORMATS if uv is None else TEXTURE_FORMATS)
     given = {"vertices": vertices, "faces": faces, "colours": colours, "uv": uv}

@@ -1,1 +1,1 @@
-"""From a surface to its bending-invariant signature: parameters, pipeline, the signature surface."""
+"""The bending-invariant signature of a surface: parameters, pipeline, canonical form, export."""

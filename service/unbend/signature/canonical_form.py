@@ -1,4 +1,4 @@
-"""The canonical form of a whole surface: the signature, at full resolution."""
+"""The canonical form of a whole surface: the signature at full resolution."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
 
 LANDMARKS: Final = 100
-"""Samples that every vertex's distance to is marched: more of them do not lower the stress of the form."""
+"""Number of samples from which distances to every vertex are computed; more do not lower the form's stress."""
 
 _ROWS_BYTES: Final = 2**28
-"""Memory for those distances; on surfaces of more than 670,000 vertices there are fewer landmarks."""
+"""Memory for those distances; surfaces of more than 670,000 vertices get fewer landmarks."""
 
-_FEWEST: Final = 2  # landmarks for each dimension, and two more
+_FEWEST: Final = 2  # landmarks per dimension, and two more
 
-_BATCH: Final = 16  # rows marched at a time, in double precision
+_BATCH: Final = 16  # rows computed at a time, in double precision
 
-_REACH: Final = 2.0  # in radii of the sampling: then every vertex is within reach of several samples
+_REACH: Final = 2.0  # in radii of the sampling, so that several samples are within reach of every vertex
 
 
 @dataclass(frozen=True, eq=False)
 class CanonicalForm:
-    """A surface, each vertex where the signature has it."""
+    """A surface with canonical coordinates for every vertex."""
 
     points: Floats
     """Canonical coordinates of all vertices, (n, m), in the signature's pose and unit: at `signature.samples` they
     are `signature.points`. NaN at vertices that no face uses."""
     faces: Ints
-    """The surface's own, (f, 3) int32."""
+    """Faces of the surface, (f, 3) int32."""
     signature: Signature = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -51,12 +51,12 @@ class CanonicalForm:
 
     @cached_property
     def surface(self) -> Surface:
-        """The form as a surface in space, by its first three dimensions, a missing one zero."""
+        """The form as a surface in space: its first three dimensions, zero where there are fewer."""
         return Surface(in_space(self.points), self.faces)
 
 
 def in_space(points: Floats) -> Floats:
-    """Return the first three coordinates of points (n, m), a missing one zero."""
+    """Return the first three coordinates of points (n, m), zero where there are fewer."""
     space = np.zeros((len(points), 3))
     shown = min(3, points.shape[1])
     space[:, :shown] = points[:, :shown]
@@ -72,18 +72,18 @@ def canonical_form(
 ) -> CanonicalForm:
     """Compute the bending-invariant form of every vertex of `surface`, not only of the signature's samples.
 
-    Each vertex is placed by its geodesic distances to up to 100 of the samples, by the criterion that placed these
-    (see `unbend.embedding.extension`). The samples' remaining differences from the signature are then interpolated
-    along the surface and taken away.
+    Each vertex is placed by its geodesic distances to up to 100 of the samples, by the criterion that placed the
+    samples (see `unbend.embedding.extension`). The samples' remaining differences from the signature are then
+    interpolated along the surface and subtracted.
 
     Parameters
     ----------
     surface : Surface
-        Its faces must hang together; `read_mesh` sees to that.
+        Its faces must be connected, as `read_mesh` ensures.
     parameters : Parameters, optional
-        Of the signature to be computed; `Parameters()` by default.
+        Parameters of the signature to compute; `Parameters()` by default.
     signature : Signature, optional
-        That of this very surface, where it is known already: it takes the most time.
+        Signature of this surface, if already known: computing it takes most of the time.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
@@ -95,14 +95,14 @@ def canonical_form(
     Raises
     ------
     MeshGeometryError
-        If the surface has no area, or its faces do not hang together.
+        If the surface has no area, or its faces are not connected.
     ParameterError
         If parameters and a signature are given, the signature is not of this surface, or `threads` is below 1.
     """
     known = _signature(surface, parameters, signature, threads)
     samples, update = known.samples.astype(np.int32), known.parameters.update
     squared = _squared_rows(surface, samples[: _landmark_count(surface, known)], known.scale, update, threads)
-    # On a line the stress has a minimum in every gap between two landmarks: neighbours would end up in different ones.
+    # On a line the stress has a minimum in every gap between landmarks, and neighbours would reach different ones.
     refine = known.parameters.method == "least_squares" and known.points.shape[1] > 1
     points = extend(known.points, known.samples, squared, refine=refine, threads=threads)
     points += _correction(surface, samples, known.points - points[samples], update)
@@ -116,7 +116,7 @@ def _signature(
     if signature is None:
         return compute_signature(surface, parameters, threads=threads)
     if parameters is not None:
-        raise ParameterError("give parameters or a signature, which has its own")
+        raise ParameterError("give parameters or a signature, not both: a signature has its own parameters")
     if not np.isin(signature.samples, surface.used_vertices).all():
         raise ParameterError("the signature is of another surface: it has samples that are not vertices of this one")
     return signature

@@ -1,4 +1,4 @@
-"""Half-edge collapses: a vertex moves onto a neighbour, and the faces at their edge vanish (Melax 1998)."""
+"""Half-edge collapses: a vertex moves onto a neighbour, and the faces at their edge are removed (Melax 1998)."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from unbend.signature.stars import (
     walk_ring,
 )
 
-_UNKNOWN: Final = -1  # comes before all that is known
-_ASKED: Final = 32  # faces around a vertex beyond which it neither tells of changes nor is told: it waits its turn
+_UNKNOWN: Final = -1  # sorts before every known harm
+_LARGEST_UPDATED: Final = 32  # faces around a vertex beyond which it neither causes nor gets new entries in the heap
 
 
 def collapse_onto_samples(surface: Surface, nearest: Ints, samples: Ints, distances: Floats) -> Ints:
-    """Collapse edges until only samples are left; return the faces that remain, (f, 3), as places in `samples`.
+    """Collapse edges until only samples are left; return the remaining faces, (f, 3), as indices into `samples`.
 
-    Vertices move within the cells of `nearest` first: if all arrive at their samples, every order leaves the same
-    faces. Then the others move across cells, where the order matters.
+    Vertices move within the cells of `nearest` first: if all reach their samples, every order gives the
+    same faces. The remaining vertices then move across cells, where the order matters.
     """
     edges = surface.edges
     corners, nodes = build(surface.faces, (edges.order, edges.starts, edges.counts), nearest, samples)
@@ -43,7 +43,7 @@ def collapse_onto_samples(surface: Surface, nearest: Ints, samples: Ints, distan
 
 @kernel
 def _collapse_cells(corners, nodes, clock):
-    """Collapse within cells as long as the surface stays the same."""
+    """Collapse edges within cells while the surface keeps its topology."""
     ring, queue = np.empty(len(nodes), np.int32), np.empty(len(nodes), np.int32)
     place, waiting = 0, 0
     for vertex in range(len(nodes)):
@@ -79,7 +79,7 @@ def _collapse_cells(corners, nodes, clock):
 
 @kernel
 def move(corners, nodes, vertex, goal):
-    """Collapse the edge from `vertex` to `goal`: what remains of the one's faces becomes the other's."""
+    """Collapse the edge from `vertex` to `goal`, which takes over the remaining faces of `vertex`."""
     node, there = nodes[vertex], nodes[goal]
     corner = node.head
     while corner >= 0:
@@ -101,17 +101,17 @@ def move(corners, nodes, vertex, goal):
 
 @kernel
 def _collapse_rest(corners, nodes, distances, clock):
-    """Collapse across cells: first what keeps the surface, then what keeps its shape, then the rest.
+    """Collapse across cells: first edges that keep the topology, then those that keep the homotopy type, then the rest.
 
-    A place in the heap is that of the best collapse when it was last looked for; it is looked for again when its
-    turn comes, and when faces nearby have changed.
+    A heap entry has the cost of a vertex' best collapse when it was last evaluated. It is evaluated again when it is
+    popped, and when nearby faces have changed.
     """
     ring, spare = np.empty(len(nodes), np.int32), np.empty(len(nodes), np.int32)
     heap: Any = [(_UNKNOWN, 0.0, np.int64(0), np.int64(-1))]
     for vertex in range(len(nodes)):
         if nodes[vertex].rank < 0 and nodes[vertex].size > 0:
             heappush(heap, (_UNKNOWN, 0.0, np.int64(vertex), np.int64(0)))
-    patience = len(nodes)  # with what no order makes good: a heap of loose triangles must not take for ever
+    updates_left = len(nodes)  # after collapses that change the surface: loose triangles must not take forever
     while len(heap) > 0:
         harm, cost, vertex, version = heappop(heap)
         if nodes[vertex].version != version or nodes[vertex].size == 0:
@@ -129,13 +129,13 @@ def _collapse_rest(corners, nodes, distances, clock):
             clock = _reclassify(corners, nodes, ring, count, spare, clock)
         clock += 1
         for index in range(count):
-            if nodes[ring[index]].size <= _ASKED and (found_harm == SAME_SURFACE or patience > 0):
-                patience -= _ask_again(corners, nodes, ring[index], clock, heap)
+            if nodes[ring[index]].size <= _LARGEST_UPDATED and (found_harm == SAME_SURFACE or updates_left > 0):
+                updates_left -= _requeue_neighbours(corners, nodes, ring[index], clock, heap)
 
 
 @kernel
 def _best_goal(corners, nodes, ring, count, distances, vertex, clock):
-    """Return the neighbour to move onto: what it does to the surface, its cost, itself, and the clock."""
+    """Return the best collapse of `vertex`: its harm, its cost, the neighbour to move onto, and the clock."""
     mark = clock
     best: Any = (TORN + 1, np.inf, -1)
     for index in range(count):
@@ -153,7 +153,7 @@ def _best_goal(corners, nodes, ring, count, distances, vertex, clock):
 
 @kernel
 def _longest_edge(nodes, ring, count, distances, goal):
-    """Return the longest of the edges that faces of the ring's centre would have to `goal`, from cell to cell."""
+    """Return the longest edge, from cell to cell, that the faces of the ring's centre would have at `goal`."""
     longest = 0.0
     for index in range(count):
         if ring[index] != goal:
@@ -163,7 +163,7 @@ def _longest_edge(nodes, ring, count, distances, goal):
 
 @kernel
 def _remove_twins(corners, nodes, vertex, goal):
-    """Remove the faces of `vertex` that would lie on faces of `goal`."""
+    """Remove the faces of `vertex` that would coincide with faces of `goal`."""
     corner = nodes[vertex].head
     while corner >= 0:
         if corners[corner].vertex >= 0:
@@ -183,18 +183,18 @@ def _reclassify(corners, nodes, ring, count, spare, clock):
 
 
 @kernel
-def _ask_again(corners, nodes, vertex, token, heap):
-    """Have goals looked for again for the neighbours of `vertex` with small stars; return how many they are."""
-    asked = 0
+def _requeue_neighbours(corners, nodes, vertex, token, heap):
+    """Queue the neighbours of `vertex` with small stars for evaluation; return their number."""
+    queued = 0
     corner = nodes[vertex].head
     while corner >= 0:
         if corners[corner].vertex >= 0:
             for end in others(corners, corner):
                 node = nodes[end]
-                if node.rank < 0 and node.seen != token and node.size <= _ASKED:
+                if node.rank < 0 and node.seen != token and node.size <= _LARGEST_UPDATED:
                     node.seen = token
                     node.version += 1
-                    asked += 1
+                    queued += 1
                     heappush(heap, (_UNKNOWN, 0.0, np.int64(end), np.int64(node.version)))
         corner = corners[corner].next
-    return asked
+    return queued

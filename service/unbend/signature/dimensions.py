@@ -1,4 +1,4 @@
-"""One shape in several numbers of dimensions: what the signature gains with each."""
+"""Moments of one shape's signatures in several numbers of dimensions, for comparison."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unbend.descriptors.moments import moments
 from unbend.descriptors.pose import principal_pose
 from unbend.descriptors.quadrature import surface_quadrature
 from unbend.embedding.embed import Method, embed
-from unbend.embedding.weighting import weights_of
+from unbend.embedding.weighting import weights_for
 from unbend.geodesics.distances import geodesic_matrix
 from unbend.mesh.surface import Surface
 from unbend.signature.parameters import Parameters
@@ -32,7 +32,7 @@ def moments_over_dimensions(
     ----------
     surface : Surface
     parameters : Parameters, optional
-        `dimensions` and `method` do not matter; weights that a method has no use for are left out.
+        `dimensions` and `method` do not matter; weights that a method does not support are ignored.
     most : int, default 6
     threads : int, optional
         All cores by default. The result does not depend on it.
@@ -40,18 +40,18 @@ def moments_over_dimensions(
     Returns
     -------
     dict of str to (most, 14) float64
-        Each for area 1.
+        Moments for area 1.
 
     Raises
     ------
     MeshGeometryError, ParameterError
-        As `compute_signature`.
+        See `compute_signature`.
     """
     given = parameters or Parameters()
     plain = replace(given, dimensions=1, method="classical", weights="equal", starts=0)
     found = compute_signature(surface, plain, threads=threads)
     distances = geodesic_matrix(surface, found.samples, update=given.update, threads=threads) / np.sqrt(surface.area)
-    weights = weights_of(given.weights, distances, found.weights)
+    weights = weights_for(given.weights, distances, found.weights)
     result: dict[Method, Floats] = {}
     for method in METHODS:
         least = method == "least_squares"

@@ -1,4 +1,4 @@
-"""A signature, or a whole canonical form, as a file: its surface for viewers, or everything for programs."""
+"""Export of a signature or a canonical form: mesh files for viewers, JSON and NPZ for programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unbend.mesh.write import check_format, write_mesh
 from unbend.signature.canonical_form import CanonicalForm, in_space
 from unbend.signature.signature import Signature
 
-_SPACE = 3  # dimensions that are places; as many that follow are colours
+_SPACE = 3  # dimensions shown as coordinates; the next three are shown as colours
 
 
 def export_signature(signature: Signature, file_type: str) -> bytes:
@@ -23,9 +23,10 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     ----------
     signature : Signature
     file_type : str
-        "ply", "obj", "off" or "glb": the signature surface, by its first three dimensions, a missing one zero; from
-        four dimensions on, the fourth to sixth are colours of its vertices (`coordinate_colours`).
-        "json" or "npz": points, faces, samples, weights, descriptors and the numbers beside them.
+        "ply", "obj", "off" or "glb": the signature surface, by its first three dimensions, zero where there are
+        fewer; the fourth to sixth dimension, if any, are colours of its vertices (`coordinate_colours`).
+        "json" or "npz": points, faces, samples, weights, descriptors, scale and stress; JSON also has the
+        other fields.
 
     Raises
     ------
@@ -37,7 +38,7 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     if file_type == "npz":
         names = ("points", "faces", "samples", "weights", "scale", "stress")
         return _npz({name: getattr(signature, name) for name in names} | signature.descriptors)
-    return _drawn(signature.points, signature.faces, file_type)
+    return _mesh_file(signature.points, signature.faces, file_type)
 
 
 def export_form(form: CanonicalForm, file_type: str) -> bytes:
@@ -47,7 +48,7 @@ def export_form(form: CanonicalForm, file_type: str) -> bytes:
     ----------
     form : CanonicalForm
     file_type : str
-        "ply", "obj", "off" or "glb": drawn as `export_signature` draws.
+        "ply", "obj", "off" or "glb": coordinates and colours as in `export_signature`.
         "json" or "npz": points (null or NaN at vertices that no face uses), faces, samples, scale and stress.
 
     Raises
@@ -69,16 +70,16 @@ def export_form(form: CanonicalForm, file_type: str) -> bytes:
     if file_type == "npz":
         arrays = {"points": form.points, "faces": form.faces, "samples": signature.samples}
         return _npz(arrays | {"scale": signature.scale, "stress": signature.stress})
-    return _drawn(form.points, form.faces, file_type)
+    return _mesh_file(form.points, form.faces, file_type)
 
 
 def coordinate_colours(points: Floats) -> Floats | None:
     """Return the fourth to sixth coordinate of each point as red, green and blue, or None below four dimensions.
 
-    Colour c of coordinate x is 0.5 + (x - middle) / range, where `middle` is that of the coordinate's own least and
+    Colour c of coordinate x is 0.5 + (x - middle) / range, where `middle` is the mean of the coordinate's least and
     largest value, and `range` is the widest of the three coordinates' ranges. So equal steps of colour are equal
     lengths in all three, and x = middle + range (c - 0.5). A coordinate that is missing, or not finite, is 0.5. Files
-    keep 8 bits: half a step is range / 510.
+    store 8 bits: half a step is range / 510.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def coordinate_colours(points: Floats) -> Floats | None:
     Returns
     -------
     (n, 3) float64 or None
-        From 0 to 1.
+        Values from 0 to 1.
     """
     shown = points[:, _SPACE : 2 * _SPACE]
     if shown.shape[1] == 0:
@@ -116,7 +117,7 @@ def signature_as_dict(signature: Signature) -> dict[str, object]:
     }
 
 
-def _drawn(points: Floats, faces: Ints, file_type: str) -> bytes:
+def _mesh_file(points: Floats, faces: Ints, file_type: str) -> bytes:
     check_format(file_type)
     return write_mesh(in_space(points), faces, file_type, colours=coordinate_colours(points))
 

@@ -17,7 +17,7 @@ from unbend.tolerances import DEGENERATE_HEIGHT
 
 @dataclass(frozen=True, eq=False)
 class Flattening:
-    """A surface laid into the plane, each vertex with a place on a texture."""
+    """A surface mapped to the plane, with texture coordinates for each vertex."""
 
     uv: Floats
     """Texture coordinates, (n, 2), from 0 to 1 on the longer side and from 0 on the other; NaN at vertices that no
@@ -26,12 +26,12 @@ class Flattening:
     """Length in the surface's own unit that is 1 in `uv`, along both axes."""
     stretches: Floats
     """Singular values of the map from each triangle into the plane, (f, 2), in the surface's own unit on both sides:
-    the larger, and the smaller, which is negative where the triangle is turned over. Both are 1 where nothing is
-    stretched; NaN for triangles too thin to have a direction."""
+    the larger, and the smaller, which is negative where the triangle is flipped. Both are 1 for an isometry; NaN for
+    triangles too thin to have a direction."""
     stress: float
-    """Eq. 2, of the samples."""
+    """Eq. 2 of the samples."""
     surface: Surface = field(repr=False)
-    """What was flattened."""
+    """The surface that was flattened."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "uv", frozen(self.uv, np.float64))
@@ -39,7 +39,7 @@ class Flattening:
 
     @cached_property
     def distortion(self) -> Floats:
-        """How much lengths in each triangle change at most, (f,): the larger of s and 1 / s of `stretches`."""
+        """Largest factor by which lengths in each triangle change, (f,): the larger of s and 1 / s of `stretches`."""
         with np.errstate(divide="ignore"):
             return frozen(np.maximum(self.stretches[:, 0], 1 / np.abs(self.stretches[:, 1])), np.float64)
 
@@ -55,10 +55,10 @@ class Flattening:
 
     @property
     def flipped(self) -> float:
-        """Share of the area whose triangles are turned over, 0 to 0.5.
+        """Share of the area whose triangles are flipped, 0 to 0.5.
 
-        Near 0.5 for closed surfaces, which lie in two layers: cut them open first. It means little where neighbouring
-        faces are not oriented alike.
+        It is near 0.5 for closed surfaces, which lie in two layers: cut them open first. It means little where
+        neighbouring faces have different orientations.
         """
         return self._area_mean((self.stretches[:, 1] < 0).astype(np.float64))
 
@@ -68,16 +68,16 @@ class Flattening:
 
 
 def flatten(surface: Surface, parameters: Parameters | None = None, *, threads: int | None = None) -> Flattening:
-    """Lay a surface into the plane so that distances in it are near the geodesic ones.
+    """Map a surface to the plane so that distances there are near the geodesic ones.
 
-    It is the canonical form in two dimensions (`canonical_form`), turned so that most of the surface shows its front.
-    Nothing is cut and nothing is kept from folding over: surfaces that are like a sheet come out well, developable
-    ones without distortion, closed ones in two layers.
+    The result is the canonical form in two dimensions (`canonical_form`), mirrored if needed so that most of the
+    surface shows its front. It makes no cuts and does not prevent folds. Developable surfaces have no distortion,
+    other sheets little, and closed surfaces lie in two layers.
 
     Parameters
     ----------
     surface : Surface
-        Its faces must hang together, and should be oriented alike.
+        Its faces must be connected, and should have consistent orientation.
     parameters : Parameters, optional
         `Parameters()` by default; `dimensions` and `scaling` do not matter.
     threads : int, optional
@@ -91,7 +91,7 @@ def flatten(surface: Surface, parameters: Parameters | None = None, *, threads: 
     Raises
     ------
     MeshGeometryError
-        If the surface has no area, or its faces do not hang together.
+        If the surface has no area, or its faces are not connected.
     ParameterError
         If `threads` is below 1.
     """
@@ -106,7 +106,7 @@ def flatten(surface: Surface, parameters: Parameters | None = None, *, threads: 
 
 
 def export_flattening(flattening: Flattening, file_type: str) -> bytes:
-    """Return the surface as it was, with its texture coordinates, as the bytes of a file.
+    """Return the bytes of a file with the original surface and its texture coordinates.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def export_flattening(flattening: Flattening, file_type: str) -> bytes:
 
 
 def _front_up(points: Floats, surface: Surface) -> Floats:
-    """Return points of the plane, mirrored if more of the surface's area would be seen from behind."""
+    """Return points of the plane, mirrored if more of the surface's area would show its back."""
     a, b, c = points[surface.faces].transpose(1, 0, 2)
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     front = float(np.sign(ux * vy - uy * vx) @ surface.face_areas)
@@ -133,7 +133,7 @@ def _front_up(points: Floats, surface: Surface) -> Floats:
 def _stretches(surface: Surface, flat: Floats) -> Floats:
     """Return the singular values of the affine map of each triangle, the second with the sign of its determinant.
 
-    Each triangle is laid down with its first edge along x; `flat` is in units of `surface.scale`.
+    Each triangle is placed with its first edge along x; `flat` is in units of `surface.scale`.
     """
     a, b, c = (surface.vertices[surface.faces] / surface.scale).transpose(1, 0, 2)
     first, second = b - a, c - a

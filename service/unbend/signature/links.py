@@ -1,8 +1,8 @@
-"""What collapsing an edge would do to the topology: the link condition (Dey et al. 1999).
+"""The effect of an edge collapse on the topology, by the link condition (Dey et al. 1999).
 
-The topology stays if the vertices and edges opposite both ends are those opposite the edge. At a crease, a
-boundary or an edge of three faces or more, a vertex moves along the crease only: there the condition counts a
-further vertex that is joined to every crease.
+A collapse keeps the topology if the links of both ends meet only in the link of the edge. At a crease, which is a
+boundary or an edge of three faces or more, a vertex may move only along the crease: the condition then counts one more
+vertex that is connected to every crease.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from unbend.jit import kernel
 from unbend.signature.stars import CREASE, LARGEST_STAR, REGULAR, faces_at, has_face, others, sweep
 
 SAME_SURFACE: Final = 0  # a collapse leaves a homeomorphic surface,
-SAME_SHAPE: Final = 1  # or one of the same homotopy type, with other creases,
+SAME_SHAPE: Final = 1  # or one of the same homotopy type, with different creases,
 TORN: Final = 2  # or neither
 
-_LARGEST_MOVED: Final = 128  # faces around a vertex that may move; elsewhere they become fewer as others move
+_LARGEST_MOVED: Final = 128  # most faces around a vertex that may move; larger stars shrink as other vertices move
 
 
 @kernel
 def damage(corners, nodes, vertex, goal, mark, token):
-    """Return what moving `vertex` onto `goal` does; `walk_ring` has been round `vertex` with `mark`."""
+    """Return the effect of moving `vertex` onto `goal`; `walk_ring` must have visited `vertex` with `mark`."""
     kind = nodes[vertex].kind
     if nodes[vertex].size > _LARGEST_MOVED or not keeps_links(corners, nodes, vertex, goal, mark, token):
         return TORN
@@ -36,14 +36,14 @@ def damage(corners, nodes, vertex, goal, mark, token):
             opposite = b if a == goal else a
             beside = faces_at(corners, nodes, goal, opposite)
             if beside + nodes[opposite].count == 2:
-                return TORN  # nothing would be left of that edge
+                return TORN  # that edge would have no faces left
             along = along and (nodes[opposite].count == 2 or beside == 2)
     return SAME_SURFACE if along else SAME_SHAPE
 
 
 @kernel
 def keeps_links(corners, nodes, vertex, goal, mark, token):
-    """Tell whether the links of `vertex`, whose ring carries `mark`, and of `goal` meet in that of their edge only."""
+    """Whether the links of `vertex`, whose ring has `mark`, and of `goal` meet only in the link of their edge."""
     if nodes[goal].size > LARGEST_STAR:
         return False
     sweep(corners, nodes, goal)

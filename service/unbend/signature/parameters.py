@@ -1,4 +1,4 @@
-"""The choices that a signature depends on."""
+"""Parameters of a signature."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 from unbend.embedding.dimension import MAX_DIMENSIONS
 from unbend.embedding.embed import AUTO, MAX_STARTS, Criterion, Method
 from unbend.embedding.weighting import Weighting
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 from unbend.geodesics.distances import Update
 from unbend.jsons import JsonObject
 
@@ -27,38 +27,39 @@ MAX_SEED: Final = 2**32 - 1
 
 @dataclass(frozen=True)
 class Parameters(JsonObject):
-    """What a signature is computed with; hashable, and the same after a round trip through JSON.
+    """Parameters of a signature: hashable, and equal after a round trip through JSON.
 
     Parameters
     ----------
     samples : int or "auto", default 300
-        Farthest point samples, 4 to 5000; all vertices where the surface has fewer. "auto" doubles them, from 64 on,
-        until the spectrum moves by at most `tolerance`.
+        Number of farthest point samples, 4 to 5000; all vertices if the surface has fewer. "auto" starts at 64 and
+        doubles until the spectrum changes by at most `tolerance`.
     dimensions : int or "auto", default 3
-        Of the space the signature lives in, 1 to 12; "auto" takes the fewest within `threshold` by `criterion`.
+        Dimensions of the signature, 1 to 12; "auto" takes the fewest for which `criterion` is at most `threshold`.
     method : {"least_squares", "classical", "fast"}
-        How samples are embedded.
+        Method of multidimensional scaling.
     update : {"spherical", "planar"}
-        How fast marching crosses a triangle.
+        Update equation of fast marching in a triangle.
     scaling : {"area", "box"}
-        What is made 1: the area of the surface, or the longest side of the signature's bounding box (the
-        paper's). Area is the default, for a box hangs on the few points that touch it. Descriptors are always
-        those for area 1.
+        Quantity that is scaled to 1: the area of the surface, or the longest side of the signature's bounding box
+        (the paper's choice). Area is the default because a bounding box depends on a few extreme points. Descriptors
+        are always for area 1.
     first_sample : {"end", "random"}
-        Where sampling begins: at an end of the surface, or at a vertex that `seed` draws.
+        First sample: an end of the surface, or a random vertex that depends on `seed`.
     starts : int, default 0
-        Further starts of least squares at random points, up to 20; the lowest stress wins.
+        Additional starts of least squares at random points, up to 20; the lowest stress is kept.
     seed : int, default 0
-        Of all that is random, 0 to 2^32 - 1.
+        Seed of all random choices, 0 to 2^32 - 1.
     weights : {"equal", "inverse", "inverse_squared", "area"}
-        Of pairs in eq. 2: 1, 1 / d, 1 / d^2, or the product of the areas that both samples stand for. The middle two
-        are for "least_squares" only; "area" is not for "fast".
+        Weights of pairs in eq. 2: 1, 1 / d, 1 / d^2, or the product of the areas that both samples represent. The
+        middle two require "least_squares"; "fast" does not support "area".
     criterion : {"error", "stress"}
-        What `threshold` bounds where `dimensions` is "auto": the representation error of eq. 6, or the stress of eq. 2.
+        Quantity that `threshold` bounds if `dimensions` is "auto": the representation error of eq. 6, or the stress of
+        eq. 2.
     threshold : float, default 0.05
         Above 0 and below 1.
     tolerance : float, default 0.02
-        Above 0 and below 1: by what share of its length, in L1, the spectrum may still move where `samples` is "auto".
+        Above 0 and below 1: largest change of the spectrum, as a share of its L1 norm, if `samples` is "auto".
 
     Raises
     ------
@@ -66,7 +67,7 @@ class Parameters(JsonObject):
         If a value is out of its range or of the wrong type.
     """
 
-    called: ClassVar = "parameters"
+    display_name: ClassVar = "parameters"
 
     samples: Samples = 300
     dimensions: Dimensions = 3
@@ -89,21 +90,25 @@ class Parameters(JsonObject):
         _check_int("starts", self.starts, 0, MAX_STARTS)
         _check_int("seed", self.seed, 0, MAX_SEED)
         for name, choices in _CHOICES.items():
-            _check_choice(name, getattr(self, name), get_args(choices))
+            check_choice(name, getattr(self, name), get_args(choices))
         _check_share("threshold", self.threshold)
         _check_share("tolerance", self.tolerance)
         _check_method(self.method, self.weights, self.starts)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields as plain JSON values, of the later ones those that are not at their default.
+        """Return the fields as plain JSON values, without newer fields that have their default.
 
-        So the text stays what it was before there were more fields, and stored signatures are found by it.
+        So the text of older parameters never changes, and stored signatures are still found by it.
         """
         defaults = {field.name: field.default for field in fields(self)}
-        return {name: value for name, value in super().as_dict().items() if name in _FIRST or value != defaults[name]}
+        return {
+            name: value
+            for name, value in super().as_dict().items()
+            if name in _ORIGINAL_FIELDS or value != defaults[name]
+        }
 
 
-_FIRST: Final = ("samples", "dimensions", "method", "update", "scaling")
+_ORIGINAL_FIELDS: Final = ("samples", "dimensions", "method", "update", "scaling")
 
 _CHOICES: Final = {
     "method": Method,
@@ -116,7 +121,7 @@ _CHOICES: Final = {
 
 
 def _check_method(method: Method, weights: Weighting, starts: int) -> None:
-    """Raise ParameterError where the method has no use for what is asked."""
+    """Raise ParameterError if the method does not support the starts or weights."""
     if starts and method != "least_squares":
         raise ParameterError(f"starts go with the method least_squares only, not with {method}")
     if weights.startswith("inverse") and method != "least_squares":
@@ -133,8 +138,3 @@ def _check_int(name: str, value: object, least: int, most: int, other: str = "")
 def _check_share(name: str, value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
         raise ParameterError(f"{name} must be a number above 0 and below 1, not {value!r}")
-
-
-def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ParameterError(f"{name} must be one of {', '.join(choices)}, not {value!r}")

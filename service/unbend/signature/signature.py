@@ -1,4 +1,4 @@
-"""The value this project is about."""
+"""The bending-invariant signature, as a value."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from unbend.arrays import Floats, Indices, Ints, frozen
 from unbend.signature.parameters import Parameters
 
 ALGORITHM_VERSION: Final = "5"
-"""Changes whenever the same mesh and parameters would give other numbers; stored signatures carry it."""
+"""Version of the algorithm: it changes when equal meshes and parameters would give different numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """A bending-invariant signature: samples of a surface, placed so that straight lines stand for geodesics."""
+    """A bending-invariant signature: samples of a surface, placed so that straight lines approximate geodesics."""
 
     points: Floats
     """Canonical coordinates of the samples, (k, m), in the unit that `parameters.scaling` names."""
     faces: Ints
-    """Triangles between samples, (f, 3): what the surface's own become when edges are collapsed onto samples."""
+    """Triangles between samples, (f, 3), which remain when the surface's edges are collapsed onto samples."""
     samples: Indices
-    """Vertex of the surface that each point is, (k,)."""
+    """Vertex of the surface for each point, (k,)."""
     weights: Floats
     """Share of the surface's area nearest to each sample, (k,); they sum to 1."""
     scale: float
     """Length in the surface's own unit that is 1 in `points`."""
     stress: float
-    """Eq. 2: how far the points are from having exactly the geodesic distances."""
+    """Eq. 2: the difference between the points' distances and the geodesic ones; 0 if they are equal."""
     asymmetry: float
     """Largest difference between the two directions of a marched distance, over the largest distance."""
     descriptors: dict[str, Floats] = field(repr=False)
-    """Vectors for comparing, by measure."""
+    """Vectors for comparison, by name."""
     parameters: Parameters = field(default_factory=Parameters)
     version: str = ALGORITHM_VERSION
     warnings: tuple[str, ...] = ()
-    """Sentences that say why the signature may be wrong, and what to do; those of reading the surface come first."""
+    """Reasons why the signature may be wrong, and remedies; warnings from reading the surface come first."""
 
     def __post_init__(self) -> None:
         kinds = {"points": np.float64, "faces": np.int32, "samples": np.int64, "weights": np.float64}
@@ -58,12 +58,12 @@ class Signature:
 
     @property
     def distribution(self) -> Floats:
-        """Quantiles of the geodesic distances and of those in the signature, (128,)."""
+        """Quantiles of the geodesic distances and of the distances in the signature, (128,)."""
         return self.descriptors["distribution"]
 
     @property
     def dimension(self) -> int | None:
-        """Effective dimension, 1 to 12: itself a bending invariant (section 3); None in signatures of version 4."""
+        """Effective dimension, 1 to 12, a bending invariant by itself (section 3); None in signatures of version 4."""
         return int(self.descriptors["dimension"][0]) if "dimension" in self.descriptors else None
 
     @property
@@ -73,5 +73,5 @@ class Signature:
 
     @property
     def surface_moments(self) -> Floats:
-        """The same moments of the surface as it stands in space, not bending-invariant: for comparison."""
+        """Moments of the surface itself, which are not bending-invariant, for comparison."""
         return self.descriptors["surface_moments"]

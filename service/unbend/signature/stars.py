@@ -1,7 +1,7 @@
-"""A simplicial complex that edges are collapsed in: the star of each vertex as a list of corners.
+"""A simplicial complex for edge collapses: the star of each vertex is a linked list of corners.
 
-Nothing here needs a manifold or an orientation: a face is three corners, and a vertex knows the corners it is.
-Corner `3 f + i` is corner i of face f; a corner whose vertex is -1 belongs to a face that is gone.
+The surface need not be manifold or oriented: a face is three corners, and each vertex lists its corners. Corner
+`3 f + i` is corner i of face f; a corner whose vertex is -1 belongs to a removed face.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from unbend.jit import kernel
 CORNER: Final = np.dtype([("vertex", np.int32), ("next", np.int32)])
 NODE: Final = np.dtype(
     [
-        ("head", np.int32),  # the list of corners
+        ("head", np.int32),  # first and last corner of the list
         ("tail", np.int32),
         ("size", np.int32),  # faces
-        ("stale", np.int32),  # corners in the list whose faces are gone
+        ("stale", np.int32),  # corners in the list whose faces are removed
         ("kind", np.int32),  # REGULAR, CREASE or POINT
         ("cell", np.int32),  # the nearest sample
-        ("rank", np.int32),  # the sample this vertex is, -1 where it is none
-        ("mark", np.int32),  # of the last ring this vertex was in, and in that ring:
-        ("count", np.int32),  # how many faces it has in common with the centre,
+        ("rank", np.int32),  # index among the samples, -1 for other vertices
+        ("mark", np.int32),  # mark of the last ring that contained this vertex, and in that ring:
+        ("count", np.int32),  # number of faces it shares with the centre,
         ("across", np.int32),  # the exclusive or of its neighbours
-        ("seen", np.int32),  # by the last test this vertex took part in
-        ("version", np.int32),  # how often what is around it has changed
+        ("seen", np.int32),  # token of the last test that visited this vertex
+        ("version", np.int32),  # number of changes around it
         ("queued", np.int32),
     ]
 )
 
 LARGEST_STAR: Final = 1024
-"""Faces around a vertex beyond which they are not looked through: a fan of any size then takes linear time."""
+"""Largest star that is searched, so that a fan of any size takes linear time."""
 
 REGULAR: Final = 0  # the faces around it are a disc
-CREASE: Final = 1  # half-discs that share their diameter: one at a boundary, three or more where sheets meet
+CREASE: Final = 1  # half-discs with a common diameter: one at a boundary, three or more where sheets meet
 POINT: Final = 2  # anything else
 
 
 @kernel
 def build(faces, edges, nearest, samples):
-    """Return corners and nodes of `faces`, without faces that use a vertex twice or are there twice."""
+    """Return corners and nodes of `faces`, without degenerate and duplicate faces."""
     corners, nodes = np.empty(3 * len(faces), CORNER), np.zeros(len(nearest), NODE)
     for vertex in range(len(nearest)):
         node = nodes[vertex]
@@ -68,7 +68,7 @@ def build(faces, edges, nearest, samples):
 
 @kernel
 def _drop_doubles(corners, nodes, edges):
-    """Faces with the same three vertices meet at an edge and have the same vertex opposite it."""
+    """Remove duplicate faces: they share an edge and have the same vertex opposite it."""
     order, starts, counts = edges
     token = 0
     for edge in range(len(starts)):
@@ -89,7 +89,7 @@ def _drop_doubles(corners, nodes, edges):
 
 @kernel
 def faces_at(corners, nodes, vertex, end):
-    """Return how many faces have both vertices."""
+    """Return the number of faces that contain both vertices."""
     count = 0
     corner = nodes[vertex].head
     while corner >= 0:
@@ -106,7 +106,7 @@ def _erase(corners, face):
 
 @kernel
 def remove(corners, nodes, face):
-    """Take a face away; the lists still hold its corners."""
+    """Remove a face; its corners stay in the lists until `sweep`."""
     for corner in range(3 * face, 3 * face + 3):
         node = nodes[corners[corner].vertex]
         node.size -= 1
@@ -116,7 +116,7 @@ def remove(corners, nodes, face):
 
 @kernel
 def has_face(corners, nodes, a, b, c):
-    """Tell whether three different vertices have a face; the smallest of their stars is searched."""
+    """Whether three different vertices form a face; only the smallest of their stars is searched."""
     if nodes[b].size < nodes[a].size:
         a, b = b, a
     if nodes[c].size < nodes[a].size:
@@ -133,7 +133,7 @@ def has_face(corners, nodes, a, b, c):
 
 @kernel
 def others(corners, corner):
-    """Return the other two vertices of a corner's face, in its order."""
+    """Return the other two vertices of a corner's face, in the face's order."""
     place = corner % 3
     after = corner + 1 if place < 2 else corner - 2
     before = corner - 1 if place > 0 else corner + 2
@@ -142,7 +142,7 @@ def others(corners, corner):
 
 @kernel
 def sweep(corners, nodes, vertex):
-    """Take the corners of faces that are gone out of a vertex' list."""
+    """Remove the corners of removed faces from a vertex' list."""
     node = nodes[vertex]
     last, corner = -1, node.head
     while corner >= 0 and node.stale > 0:
@@ -162,7 +162,7 @@ def sweep(corners, nodes, vertex):
 
 @kernel
 def walk_ring(corners, nodes, vertex, mark, ring):
-    """Write the neighbours of `vertex` to `ring` and to their nodes what the link is like; return their number."""
+    """Write the neighbours of `vertex` to `ring`, and `count` and `across` to their nodes; return their number."""
     sweep(corners, nodes, vertex)
     count = 0
     corner = nodes[vertex].head
@@ -183,7 +183,7 @@ def walk_ring(corners, nodes, vertex, mark, ring):
 
 @kernel
 def classify(corners, nodes, vertex, mark, ring):
-    """Return which kind of vertex this is, by walking along its link."""
+    """Return the kind of a vertex, by walking along its link."""
     if nodes[vertex].size > LARGEST_STAR:
         return POINT
     count = walk_ring(corners, nodes, vertex, mark, ring)
@@ -213,7 +213,7 @@ def classify(corners, nodes, vertex, mark, ring):
 
 @kernel
 def classify_all(corners, nodes):
-    """Write the kind of every vertex that has faces; return the clock that tells one ring's marks from another's."""
+    """Write the kind of every vertex that has faces; return the clock, which distinguishes the marks of rings."""
     ring = np.empty(len(nodes), np.int32)
     clock = 0
     for vertex in range(len(nodes)):
@@ -225,7 +225,7 @@ def classify_all(corners, nodes):
 
 @kernel
 def _walk_arc(nodes, start, following):
-    """Walk along a link from `start` until there again or at a crease; return the steps and the end."""
+    """Walk along a link from `start` until back there or at a crease; return the steps and the end."""
     before, here, steps = start, following, 1
     while here != start and nodes[here].count == 2:
         before, here = here, nodes[here].across ^ before
@@ -235,7 +235,7 @@ def _walk_arc(nodes, start, following):
 
 @kernel
 def remaining(corners, nodes):
-    """Return the faces that are left, by the samples their corners are."""
+    """Return the remaining faces, as indices of samples."""
     faces = np.empty((len(corners) // 3, 3), np.int32)
     count = 0
     for face in range(len(faces)):

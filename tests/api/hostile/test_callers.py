@@ -8,7 +8,7 @@ import time
 import httpx
 import pytest
 
-from server import SAMPLES, Server, endless_mesh, small_mesh
+from tests.support.server import SAMPLES, Server, endless_mesh, small_mesh
 
 PATIENCE = 60.0
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import httpx
 
-from server import SAMPLES, Server, ended, post_mesh, small_mesh
+from tests.support.server import SAMPLES, Server, ended, post_mesh, small_mesh
 from unbend.mesh.shapes import torus
 from unbend.mesh.write import write_mesh
 

@@ -8,9 +8,9 @@ from contextlib import closing
 
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, post_mesh, small_mesh, stored
-from store import add
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, post_mesh, small_mesh, stored
+from tests.support.store import add
 from unbend import Library
 from unbend.errors import ParameterError
 

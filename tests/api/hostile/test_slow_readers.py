@@ -13,8 +13,8 @@ import httpx
 import numpy as np
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, stored
 from unbend.mesh.shapes import torus
 from unbend.mesh.write import write_mesh
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, small_mesh, stored
-from watchdog import watchdog
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, small_mesh, stored
+from tests.support.watchdog import watchdog
 
 FEW = json.dumps(SAMPLES)
 STALL = 0.25

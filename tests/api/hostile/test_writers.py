@@ -11,8 +11,8 @@ from contextlib import closing
 import httpx
 import pytest
 
-from problem import check
-from server import SAMPLES, Server, ended, post_mesh, small_mesh, stored
+from tests.support.problem import check
+from tests.support.server import SAMPLES, Server, ended, post_mesh, small_mesh, stored
 
 FEW = json.dumps(SAMPLES)
 

@@ -1,4 +1,4 @@
-"""Linear discriminants: against a plain computation with whole covariances."""
+"""Linear discriminants, compared with a plain computation that forms the covariances."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from unbend.errors import ParameterError
-from unbend.matching.classification.learned import once_a_gallery
-from unbend.matching.gallery import Gallery
+from unbend.matching.gallery import Gallery, cached_per_gallery
 
 seeds = st.integers(0, 2**32 - 1)
 
 
 def plainly(gallery, query, left_out=()):
-    """Mahalanobis distances under the covariance shrunk as Chen et al. 2010, eq. 23, have it."""
+    """Mahalanobis distances under the covariance shrunk by Chen et al. 2010, eq. 23."""
     rows = np.setdiff1d(np.flatnonzero(gallery.codes >= 0), left_out)
     vectors, codes = gallery.vectors[rows].astype(float), gallery.codes[rows]
     means = {code: vectors[codes == code].mean(axis=0) for code in np.unique(codes)}
@@ -40,7 +39,7 @@ def test_distances_are_those_of_the_shrunk_covariance(ask, clouds, seed, classes
 
 
 @given(seeds, st.integers(1, 5))
-def test_a_stored_query_is_no_part_of_what_it_is_compared_with(ask, clouds, seed, count):
+def test_a_stored_query_is_excluded_from_the_model(ask, clouds, seed, count):
     gallery = clouds(seed, classes=3, members=4, dimension=6)
     gone = np.random.default_rng(seed).permutation(len(gallery))[:count]
     query = gallery.vectors[gone[0]]
@@ -55,7 +54,7 @@ def test_where_members_are_all_alike_all_axes_are(ask):
     assert [(match.label, match.distance) for match in answer.matches] == [("a", 3.0), ("b", 4.0)]
 
 
-def test_left_out_what_alone_differed_leaves_members_all_alike(ask):
+def test_without_the_only_different_member_all_axes_are_alike(ask):
     points = [[0.1, 0.2], [0.1, 0.2], [0.4, 7.3], [3, 4], [3, 4]]
     gallery = Gallery.of(np.array(points, np.float32), ["a", "a", "a", "b", "b"])
     answer = ask(gallery, [3.0, 0.0], "discriminants", [2])
@@ -72,24 +71,24 @@ def test_left_out_what_alone_differed_leaves_members_all_alike(ask):
         ([None, None], [], "0 classes and 0 labelled"),
     ],
 )
-def test_too_few_labels_are_said_and_counted(ask, labels, left_out, there):
+def test_too_few_labels_are_an_error_with_their_counts(ask, labels, left_out, there):
     gallery = Gallery.of(np.arange(2 * len(labels), dtype=np.float32).reshape(-1, 2), labels)
     with pytest.raises(ParameterError, match=f"at least 2 classes and 2 labelled shapes of each.*{there}"):
         ask(gallery, [0.0, 0.0], "discriminants", left_out)
 
 
 @pytest.mark.parametrize("classifier", ["mean", "discriminants"])
-def test_a_number_that_is_not_finite_is_said(ask, clouds, classifier):
+def test_a_value_that_is_not_finite_is_an_error(ask, clouds, classifier):
     gallery = clouds(0)
     gallery.vectors[3, 1] = np.nan
     with pytest.raises(ParameterError, match=r"row 3 .*not finite"):
         ask(gallery, np.zeros(4), classifier)
 
 
-def test_what_is_learned_is_learned_once_and_forgotten_with_the_gallery(clouds):
+def test_values_are_cached_per_gallery_and_evicted_with_it(clouds):
     learned = []
 
-    @once_a_gallery
+    @cached_per_gallery
     def learn(gallery):
         learned.append(len(gallery))
         return object()
@@ -100,6 +99,6 @@ def test_what_is_learned_is_learned_once_and_forgotten_with_the_gallery(clouds):
     assert learned == [18, 6]
     del one
     gc.collect()
-    for seed in range(50):  # whatever is put where the gallery was is another one
+    for seed in range(50):  # a new gallery at the address of the old one is not confused with it
         learn(clouds(seed, members=3))
     assert learned == [18, 6] + [9] * 50

@@ -1,4 +1,4 @@
-"""What both measures have from the alignment: no pose, no scale, no order, no labels."""
+"""Properties that alignment gives measures: invariance to pose, scale, and the order of samples and arguments."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from unbend import Parameters, compute_signature
-from unbend.matching.measures.hausdorff import HAUSDORFF
-from unbend.matching.measures.rigid import RIGID
+from unbend.matching.measures.pairs import HAUSDORFF, RIGID
 from unbend.mesh.shapes import cylinder, figure, sheet, sphere, spiral, torus
 
 both = pytest.mark.parametrize("measure", [RIGID, HAUSDORFF], ids=lambda measure: measure.name)
@@ -74,14 +73,14 @@ def test_a_small_change_is_a_small_distance(measure, cloud, seed, size):
     noise = size * np.random.default_rng(seed).uniform(-1, 1, a.points.shape)
     centred = a.points - a.weights @ a.points
     radius = np.sqrt(a.weights @ (centred**2).sum(axis=1))
-    # each point has its own, moved, within the noise; bringing both to radius 1 adds no more than that again
+    # each point has its moved copy within the noise, and scaling both to radius 1 at most doubles that
     largest = np.sqrt((noise**2).sum(axis=1)).max() / radius
     assert measure.distance(a, replace(a, points=a.points + noise)) <= 2.5 * largest + 1e-7
 
 
 @both
 @pytest.mark.parametrize("axes", [3, 4, 5])
-def test_axes_of_nearly_equal_moments_may_have_changed_places(measure, cloud, signature_of, axes):
+def test_swapped_axes_of_nearly_equal_moments_are_found(measure, cloud, signature_of, axes):
     for seed in range(10):
         random = np.random.default_rng(seed)
         raw = random.gamma(2.0, size=(60, axes))
@@ -95,7 +94,7 @@ def test_axes_of_nearly_equal_moments_may_have_changed_places(measure, cloud, si
 
 
 @both
-def test_what_has_no_area_has_no_say(measure, cloud):
+def test_a_point_without_area_hardly_counts(measure, cloud):
     a, b = cloud(1), cloud(2)
     weights = np.append(a.weights, 1e-15)
     outlier = replace(
@@ -106,7 +105,7 @@ def test_what_has_no_area_has_no_say(measure, cloud):
 
 
 @both
-def test_the_unit_of_the_signature_does_not_count(measure):
+def test_the_unit_of_the_signature_does_not_matter(measure):
     flat, ball = sheet(columns=16, rows=8), sphere(subdivisions=2)
     area, box = (
         [compute_signature(surface, Parameters(samples=60, scaling=scaling)) for surface in (flat, ball)]

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist, directed_hausdorff
 
 from unbend.matching.measures.alignment import align
-from unbend.matching.measures.hausdorff import HAUSDORFF, MAX_HAUSDORFF
 from unbend.matching.measures.icp import residuals
-from unbend.matching.measures.rigid import RIGID
+from unbend.matching.measures.pairs import HAUSDORFF, MAX_HAUSDORFF, RIGID
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(3, 6))

@@ -1,4 +1,4 @@
-"""Reeb graphs of the mean geodesic distance: known parts, and a matching that knows no order."""
+"""Reeb graphs of the mean geodesic distance: known parts, and a matching that does not depend on order."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from unbend import Parameters, compute_signature, geodesic_matrix
 from unbend.descriptors.reeb import LEVELS, ReebGraph, reeb_graph
-from unbend.matching.measures.reeb import REEB
+from unbend.matching.measures.pairs import REEB
 from unbend.mesh.shapes import bent_tube, figure, sheet, sphere, spiral
 
 
 def counts(vector: np.ndarray) -> list[int]:
-    """How many parts there are in 8, 4, 2 and 1 intervals."""
+    """The number of parts in 8, 4, 2 and 1 intervals."""
     graph, found = ReebGraph.unpack(vector), []
     for _ in range(LEVELS):
         found.append(len(graph.intervals))
@@ -23,7 +23,7 @@ def counts(vector: np.ndarray) -> list[int]:
 
 
 def chain(lengths: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arms of these lengths that meet in a point: distances, triangles without an area, and even weights."""
+    """Arms of these lengths that meet in a point: distances, degenerate triangles, and equal weights."""
     at = np.concatenate([[0.0], *(np.linspace(0, length, 41)[1:] for length in lengths)])
     arm = np.concatenate([[-1], *(np.full(40, place) for place in range(len(lengths)))])
     distances = np.where((arm[:, None] == arm) & (arm >= 0), np.abs(at[:, None] - at), at[:, None] + at)
@@ -44,7 +44,7 @@ def test_a_star_has_a_part_for_each_arm_and_one_in_the_middle():
         assert graph.areas.sum() == pytest.approx(1)
 
 
-def test_a_line_has_two_ends_and_coarser_graphs_join_what_they_hold():
+def test_a_line_has_two_ends_and_coarser_graphs_join_parts():
     distances, faces, weights = chain([1.0, 1.0])
     graph = reeb_graph(distances, faces, weights)
     # from 1/2 in the middle to 1 at the ends: the upper half of the intervals is empty, but for the ends themselves
@@ -69,7 +69,7 @@ def test_packing_loses_nothing():
 
 
 @given(st.lists(st.floats(0.2, 1.0), min_size=2, max_size=6), st.integers(0, 2**32 - 1))
-def test_no_order_of_samples_matters_and_the_distance_is_symmetric(signature_of, lengths, seed):
+def test_the_order_of_samples_does_not_matter_and_the_distance_is_symmetric(signature_of, lengths, seed):
     distances, faces, weights = chain(lengths)
     order = np.random.default_rng(seed).permutation(len(weights))
     place = np.argsort(order)

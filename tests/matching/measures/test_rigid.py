@@ -13,7 +13,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from unbend.matching.measures.icp import refine
-from unbend.matching.measures.rigid import RIGID
+from unbend.matching.measures.pairs import RIGID
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
@@ -68,7 +68,7 @@ def test_a_part_of_the_same_points_is_laid_where_it_was(cloud):
 
 
 def nearest_in_the_plane(a, b) -> float:
-    """The least that a descent without derivatives finds from the best of all whole degrees, mirrored or not."""
+    """The least distance that Nelder-Mead finds from the best whole degrees, with and without a reflection."""
     x, y = (at_radius_one(form) for form in (a, b))
 
     def distance(motion: np.ndarray, mirror: float) -> float:

@@ -1,1 +1,1 @@
-"""The calls of the HTTP contract, a module for each kind of thing."""
+"""The endpoints, one module for each kind of resource, and what they share."""

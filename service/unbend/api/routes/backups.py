@@ -12,9 +12,9 @@ from fastapi import APIRouter
 from fastapi.responses import FileResponse
 from starlette.background import BackgroundTask
 
-from unbend.api.headers import DISPOSITION
-from unbend.api.problems import problem_responses
-from unbend.api.service import ServiceDependency
+from unbend.api.schema.headers import DISPOSITION
+from unbend.api.schema.problems import problem_responses
+from unbend.api.server.service import ServiceDependency
 from unbend.errors import BusyError
 
 router = APIRouter(prefix="/backups", tags=["library"])
@@ -32,9 +32,9 @@ _DESCRIBED: Final[dict[int | str, dict[str, Any]]] = {
 
 @router.post("", response_class=FileResponse, responses=_DESCRIBED | problem_responses(422, 507))
 async def make_backup(service: ServiceDependency) -> FileResponse:
-    """Make a backup of the whole library, check it, and send it; `unbend restore` takes it.
+    """Make a backup of the whole library, check it, and send it; `unbend restore` restores it.
 
-    It has everything: files, jobs, and API keys as hashes. One is made at a time.
+    The backup contains everything: files, jobs, and hashes of API keys. Only one is made at a time.
     """
     if service.backing_up.locked():
         raise BusyError("another backup is being made", _RETRY_SECONDS)

@@ -1,13 +1,13 @@
-"""Whether the service lives, is ready, and how busy it is."""
+"""Probes, capacity and metrics."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter, HTTPException, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from unbend.api.models import Capacity, Health
-from unbend.api.problems import problem_responses
-from unbend.api.service import ServiceDependency
+from unbend.api.schema.models import Capacity, Health
+from unbend.api.schema.problems import problem_responses
+from unbend.api.server.service import ServiceDependency
 from unbend.errors import StoreError
 
 router = APIRouter(tags=["health"])
@@ -15,7 +15,7 @@ router = APIRouter(tags=["health"])
 
 @router.get("/livez", responses=problem_responses(503))
 async def livez(service: ServiceDependency) -> Health:
-    """Answer 200 while jobs are being taken from the queue; otherwise the server should be restarted."""
+    """Respond 200 while the server takes jobs from the queue; otherwise it should be restarted."""
     if not service.runner.alive:
         raise HTTPException(503, "the dispatcher has died")
     return Health()
@@ -23,12 +23,11 @@ async def livez(service: ServiceDependency) -> Health:
 
 @router.get("/readyz", responses=problem_responses(503))
 async def readyz(service: ServiceDependency) -> Health:
-    """Answer 200 while uploads are taken: the workers have loaded their kernels, and the library can be written."""
+    """Respond 200 while the server accepts uploads: the workers are ready, and the library can be written."""
     if not service.runner.ready:
         raise HTTPException(503, "the workers are loading their kernels")
     try:
-        service.library.store.check()
-        service.library.store.admit(0)
+        service.library.check_writable()
     except StoreError as error:
         raise HTTPException(503, str(error)) from None
     return Health()
@@ -36,7 +35,7 @@ async def readyz(service: ServiceDependency) -> Health:
 
 @router.get("/capacity")
 async def capacity(service: ServiceDependency) -> Capacity:
-    """Return how many jobs run and wait."""
+    """Return the numbers of running and queued jobs."""
     runner = service.runner
     return Capacity(
         workers=runner.workers, running=runner.running, queued=await runner.queued(), max_queued=runner.limits.queued
@@ -49,6 +48,6 @@ async def capacity(service: ServiceDependency) -> Capacity:
     responses={200: {"description": "Figures.", "content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(service: ServiceDependency) -> Response:
-    """Return figures of load, jobs, requests and the process, as Prometheus reads them."""
+    """Return metrics of load, jobs, requests and the process in the format of Prometheus."""
     text = await service.metrics.text(service.runner, service.library)
     return Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST})

@@ -1,23 +1,27 @@
-"""Jobs: status, waiting, cancelling."""
+"""Jobs: status, long polls, events, files, cancellation."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.responses import JSONResponse
 from pydantic import AwareDatetime, BeforeValidator
 
-from unbend.api.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
-from unbend.api.fields import JobId, as_instant
-from unbend.api.headers import DISPOSITION
-from unbend.api.links import job_links, next_page, shape_links
-from unbend.api.models import Forgotten, Job, JobList, JobSummary
-from unbend.api.negotiation import file_response
-from unbend.api.problems import problem_responses
-from unbend.api.senders import must_see, owner_of
-from unbend.api.service import Service, ServiceDependency
-from unbend.library.queue import JobFilter
-from unbend.library.records import JobKind, JobRecord, JobState
+from unbend.api.context import job_path
+from unbend.api.routes.downloads import file_response
+from unbend.api.routes.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
+from unbend.api.routes.senders import must_see, owner_of
+from unbend.api.schema.fields import JobId, as_instant
+from unbend.api.schema.headers import DISPOSITION
+from unbend.api.schema.links import job_links, next_page, shape_links
+from unbend.api.schema.models import Forgotten, Job, JobList, JobSummary
+from unbend.api.schema.problems import problem_responses
+from unbend.api.server.service import Service, ServiceDependency
+from unbend.library.jobs import JobFilter
+from unbend.library.records import JobRecord, JobState
+from unbend.library.requests import JobKind
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 
@@ -58,8 +62,8 @@ async def forget_jobs(
         AwareDatetime, BeforeValidator(as_instant), Query(description="An instant with its offset (RFC 3339).")
     ],
 ) -> Forgotten:
-    """Forget the jobs that ended before an instant. Shapes that uploads became stay."""
-    return Forgotten(forgotten=await service.runner.forget(before, owner_of(request)))
+    """Delete the jobs that ended before an instant. Their shapes stay."""
+    return Forgotten(forgotten=await service.runner.delete_ended(before, owner_of(request)))
 
 
 @router.get(
@@ -70,7 +74,7 @@ async def get_job(
     request: Request,
     job_id: JobId,
     wait: Annotated[
-        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Answer when the job has ended, or after these seconds.")
+        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Respond when the job has ended, or after these seconds.")
     ] = 0.0,
 ) -> Job:
     """Return a job; with `wait` this is a long poll."""
@@ -87,10 +91,10 @@ async def get_job(
     response_class=EventStream,
     responses={
         200: {
-            "description": "Server-Sent Events: `id` where the job stands, `data` the job as one line of JSON.",
+            "description": "Server-Sent Events: `id` numbers the progress, `data` is the job as one line of JSON.",
             "content": {EventStream.media_type: {"schema": EVENT_SCHEMA}},
         },
-        204: {"description": "The job has ended, and `Last-Event-ID` says that this is known: do not come back."},
+        204: {"description": "The job has ended, and the client knows it by `Last-Event-ID`: do not reconnect."},
         **problem_responses(404, 422, 503),
     },
 )
@@ -99,12 +103,12 @@ async def follow_job(
     request: Request,
     job_id: JobId,
     last_event_id: Annotated[
-        str | None, Header(description="The `id` of the event that came last: it is not sent again.")
+        str | None, Header(description="The `id` of the last event that the client received: it is not sent again.")
     ] = None,
 ) -> Response:
-    """Follow a job: an event at each change of state, stage or progress, four a second at most.
+    """Follow a job: an event at each change of state, stage or progress, at most four a second.
 
-    The last is the ended job, and the stream closes. It also closes when the server stops: come back then.
+    After the event of the ended job the stream closes. It also closes when the server stops: reconnect then.
     """
     last = parse_id(last_event_id)
     record = must_see(request, await service.runner.status(job_id))
@@ -124,7 +128,7 @@ async def follow_job(
     },
 )
 async def get_job_file(service: ServiceDependency, request: Request, job_id: JobId) -> Response:
-    """Download what a job of the kind `file` made; it is kept for a day."""
+    """Download the file of a job of the kind `file`; it is kept for a day."""
     job = must_see(request, await service.runner.status(job_id))
     made = await service.runner.file(job)
     return file_response(made.data, made.file_type, made.name)
@@ -135,9 +139,15 @@ async def get_job_file(service: ServiceDependency, request: Request, job_id: Job
     responses={200: {"links": job_links("$response.body#/id", "cancel_job")}, **problem_responses(404, 422)},
 )
 async def cancel_job(service: ServiceDependency, request: Request, job_id: JobId) -> Job:
-    """Cancel a job. One that runs is stopped; one that has ended stays as it is."""
+    """Cancel a job. A running job is stopped; an ended job does not change."""
     must_see(request, await service.runner.status(job_id))
     return await _with_position(service, await service.runner.cancel(job_id))
+
+
+async def accepted(service: Service, record: JobRecord, headers: Mapping[str, str] | None = None) -> Response:
+    """Return the 202 response for a job that a request created."""
+    job = await _with_position(service, record)
+    return JSONResponse(job.model_dump(mode="json"), 202, {"Location": job_path(job.id), **(headers or {})})
 
 
 async def _with_position(service: Service, record: JobRecord) -> Job:

@@ -1,4 +1,4 @@
-"""The library as a whole: its classes, a map of its shapes, and how well it finds its own."""
+"""The library as a whole: its classes, the map of its shapes, and the evaluation of retrieval."""
 
 from __future__ import annotations
 
@@ -6,25 +6,27 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from unbend.api.fields import ParametersText, VectorMeasureName
-from unbend.api.links import members_of_class, shape_links
-from unbend.api.models import ClassCount, ClassList, EvaluationResult, ShapeMap
-from unbend.api.problems import pointing_at, problem_responses
-from unbend.api.service import ServiceDependency
+from unbend.api.schema.fields import ParametersText, VectorMeasureName
+from unbend.api.schema.links import members_of_class, shape_links
+from unbend.api.schema.models import ClassCount, ClassList, EvaluationResult, ShapeMap
+from unbend.api.schema.problems import pointing_at, problem_responses
+from unbend.api.server.service import ServiceDependency
 from unbend.jobs.worker import library_evaluation, library_map
-from unbend.library.overview import MAP_LIMIT, MapDistance, Shown
+from unbend.library.search.overview import MAP_LIMIT, MapDistance, MapOptions
 from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(tags=["library"])
 
 MeasureQuery = Annotated[VectorMeasureName, Query(description="How signatures are compared.")]
-ParametersQuery = Annotated[ParametersText, Query(description="A JSON object; shapes stored with others take no part.")]
+ParametersQuery = Annotated[
+    ParametersText, Query(description="A JSON object; only shapes with these parameters take part.")
+]
 
 
 @router.get("/classes", responses={200: {"links": members_of_class()}})
 def list_classes(service: ServiceDependency) -> ClassList:
-    """List the classes and how many shapes each has."""
+    """List the classes with their numbers of shapes."""
     return ClassList(items=[ClassCount(label=label, count=count) for label, count in service.library.labels().items()])
 
 
@@ -41,16 +43,16 @@ async def get_map(
     parameters: ParametersQuery = None,
     dimensions: Annotated[int, Query(ge=1, le=3)] = 2,
     limit: Annotated[
-        int, Query(ge=1, le=20_000, description="Of more shapes, evenly chosen ones are shown.")
+        int, Query(ge=1, le=20_000, description="Most shapes on the map; of more, evenly chosen ones.")
     ] = MAP_LIMIT,
     distance: Annotated[
-        MapDistance, Query(description="Sums of absolute differences, or of squared ones: the paper's D_M.")
+        MapDistance, Query(description="Sum of absolute differences, or of squared ones as in the paper's D_M.")
     ] = "l1",
 ) -> ShapeMap:
-    """Place the stored shapes so that those alike are near each other: by their signatures, and as they stand."""
+    """Embed the stored shapes so that similar shapes are near each other, by their signatures and by their surfaces."""
     chosen, wanted = _measure(measure), _parameters(parameters)
-    shown = Shown(dimensions, limit, distance)
-    found = await service.runner.call(library_map, service.library.store.url, chosen, wanted, shown, lane="large")
+    options = MapOptions(dimensions, limit, distance)
+    found = await service.runner.call(library_map, service.library.url, chosen, wanted, options, lane="large")
     return ShapeMap.model_validate(found)
 
 
@@ -58,9 +60,9 @@ async def get_map(
 async def get_evaluation(
     service: ServiceDependency, measure: MeasureQuery = DEFAULT_MEASURE, parameters: ParametersQuery = None
 ) -> EvaluationResult:
-    """Ask every labelled shape of all others, and say how often and how early they find their class."""
+    """Query the library with every labelled shape, and report how well each finds its class."""
     chosen, wanted = _measure(measure), _parameters(parameters)
-    found = await service.runner.call(library_evaluation, service.library.store.url, chosen, wanted, lane="large")
+    found = await service.runner.call(library_evaluation, service.library.url, chosen, wanted, lane="large")
     return EvaluationResult.model_validate({"measure": measure, **found})
 
 

@@ -1,4 +1,4 @@
-"""Queries: what a mesh is, and what is like it."""
+"""Queries: the classes and shapes nearest to a mesh."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData, UploadFile
 
-from unbend.api.fields import (
+from unbend.api.routes.jobs import MAX_WAIT_SECONDS, accepted
+from unbend.api.routes.senders import IdempotencyKey, key_of, sender_of
+from unbend.api.routes.uploads import read_upload
+from unbend.api.schema.fields import (
     FEWER_PAIRS,
     FILE,
     FILE_ENCODING,
@@ -21,19 +24,16 @@ from unbend.api.fields import (
     ParametersText,
     PolicyText,
 )
-from unbend.api.headers import LOCATION
-from unbend.api.links import job_links, shape_links
-from unbend.api.models import Job, Ranking, ShapeQuery
-from unbend.api.problems import MediaTypeError, pointing_at, problem_responses
-from unbend.api.routes.jobs import MAX_WAIT_SECONDS
-from unbend.api.senders import IdempotencyKey, key_of, sender_of
-from unbend.api.service import Service, ServiceDependency
-from unbend.api.uploads import read_upload
-from unbend.errors import BusyError
-from unbend.library.ranking import Question
+from unbend.api.schema.headers import LOCATION
+from unbend.api.schema.links import job_links, shape_links
+from unbend.api.schema.models import Job, Ranking, ShapeQuery
+from unbend.api.schema.problems import MediaTypeError, problem_responses
+from unbend.api.server.service import Service, ServiceDependency
+from unbend.errors import BusyError, ParameterError
 from unbend.library.records import JobRecord
-from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
-from unbend.matching.measures import DEFAULT_MEASURE, get_measure
+from unbend.library.requests import DEFAULT_K, QueryRequest
+from unbend.matching.classification import DEFAULT_CLASSIFIER
+from unbend.matching.measures import DEFAULT_MEASURE
 
 router = APIRouter(prefix="/queries", tags=["queries"])
 
@@ -41,18 +41,18 @@ M = TypeVar("M", bound=BaseModel)
 
 
 class FileQuery(BaseModel):
-    """The fields beside the file of a query."""
+    """The form fields of a query, except its file."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra=FEWER_PAIRS)
 
     measure: MeasureName = DEFAULT_MEASURE
     classifier: ClassifierName = Field(
-        DEFAULT_CLASSIFIER, description="How distances from shapes become those from classes."
+        DEFAULT_CLASSIFIER, description="The rule that turns distances from shapes into distances from classes."
     )
-    k: int = Field(10, ge=1, le=1000, description="Shapes in the answer; all classes are.")
+    k: int = Field(DEFAULT_K, ge=1, le=1000, description="Number of shapes in the ranking; all classes are in it.")
     parameters: ParametersText = None
     policy: PolicyText = None
-    callback: str = Field("", max_length=2000, description="An address that is told when the job ends.")
+    callback: str = Field("", max_length=2000, description="A URL that is called when the job ends.")
 
 
 _FILE_SCHEMA = FileQuery.model_json_schema()
@@ -78,7 +78,7 @@ _BODY = {
         200: {"links": shape_links("$response.body#/shapes/0/id")},
         202: {
             "model": Job,
-            "description": "The job that computes the answer; its `result` will be it.",
+            "description": "The job that computes the ranking, which will be its `result`.",
             "headers": LOCATION,
             "links": job_links("$response.body#/id"),
         },
@@ -89,7 +89,9 @@ _BODY = {
 async def query(
     service: ServiceDependency,
     request: Request,
-    prefer: Annotated[str | None, Header(description="`wait=10`: answer in place if done in 10 seconds.")] = None,
+    prefer: Annotated[
+        str | None, Header(description="`wait=10`: respond with the ranking if it is done within 10 seconds.")
+    ] = None,
     idempotency_key: IdempotencyKey = None,  # noqa: ARG001  `sender_of` reads it
 ) -> Response:
     """Rank the library's classes and shapes by their distance from a mesh, or from a stored shape.
@@ -107,10 +109,7 @@ async def query(
 
 
 async def _by_shape(service: Service, asked: ShapeQuery) -> Response:
-    _check(asked)
-    ranking = await asyncio.to_thread(
-        service.library.rank, asked.shape_id, measure=asked.measure, classifier=asked.classifier, k=asked.k
-    )
+    ranking = await asyncio.to_thread(service.library.search.rank, asked.shape_id, _request(asked))
     return JSONResponse(ranking.as_dict())
 
 
@@ -119,57 +118,49 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
     if not isinstance(file, UploadFile):
         raise _invalid(("body", "file"), "a file is required")
     asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
-    _check(asked)
+    query_request = _request(asked)
     upload = await read_upload(file, asked.parameters, asked.policy)
-    question = {"measure": asked.measure, "classifier": asked.classifier, "k": asked.k}
-    sender, key = sender_of(request, "query", upload, question, asked.callback), key_of(request)
-    answer = await service.runner.submit("query", upload, question, sender, key.most_jobs if key else None)
-    if not isinstance(answer, JobRecord):
-        raise TypeError("a query does not become a shape")
-    record = await _waited(service, request, answer, wait)
-    if not sender.idempotency and await request.is_disconnected():  # nobody knows of the job, or will ask for it
+    sender, key = sender_of(request, upload, query_request, asked.callback), key_of(request)
+    job = await service.runner.submit_query(upload, query_request, sender, key.most_jobs if key else None)
+    record = await _waited(service, request, job, wait)
+    if not sender.idempotency and await request.is_disconnected():  # no client knows the job, or can ask for it
         await service.runner.cancel(record.id)
     if record.state == "succeeded":
         return JSONResponse(record.result)
-    job = Job.of(record, await service.runner.position(record))
-    return JSONResponse(job.model_dump(mode="json"), 202, {"Location": f"/v1/jobs/{job.id}"})
+    return await accepted(service, record)
 
 
 async def _waited(service: Service, request: Request, job: JobRecord, seconds: float) -> JobRecord:
-    """Wait for a job if that is asked, and while the client is there.
-
-    Where too many wait, the job is answer enough.
-    """
+    """Wait up to `seconds` for a job, while the client is connected; not at all if too many requests wait."""
     if not seconds:
         return job
     try:
         with service.waits.one():
             waiting = asyncio.create_task(service.runner.wait(job.id, seconds))
-            gone = asyncio.create_task(_gone(request))
-            await asyncio.wait([waiting, gone], return_when=asyncio.FIRST_COMPLETED)
-            for task in (waiting, gone):
+            disconnected = asyncio.create_task(_disconnected(request))
+            await asyncio.wait([waiting, disconnected], return_when=asyncio.FIRST_COMPLETED)
+            for task in (waiting, disconnected):
                 if not task.done():
                     task.cancel()
-            await asyncio.gather(waiting, gone, return_exceptions=True)
+            await asyncio.gather(waiting, disconnected, return_exceptions=True)
             return job if waiting.cancelled() else waiting.result()
     except BusyError:
         return job
 
 
-async def _gone(request: Request) -> None:
-    """Wait until the client has gone."""
+async def _disconnected(request: Request) -> None:
+    """Wait until the client disconnects."""
     while (await request.receive())["type"] != "http.disconnect":
         pass
 
 
-def _check(asked: ShapeQuery | FileQuery) -> None:
-    """Refuse what the library would, by the name of the field, and before a job is made."""
-    with pointing_at("body.measure"):
-        get_measure(asked.measure)
-    with pointing_at("body.classifier"):
-        get_classifier(asked.classifier)
-    with pointing_at("body.k"):
-        Question.of(asked.measure, asked.classifier, asked.k)
+def _request(asked: ShapeQuery | FileQuery) -> QueryRequest:
+    """Return the validated query; ParameterError names the field of the body."""
+    try:
+        return QueryRequest(asked.measure, asked.classifier, asked.k)
+    except ParameterError as error:
+        error.field = f"body.{error.field}"
+        raise
 
 
 def _wait_seconds(prefer: str | None) -> float:

@@ -1,9 +1,9 @@
-"""Walking down a distance field, from a vertex to the field's source, across the interiors of triangles.
+"""Descent of a distance field, from a vertex to the field's source, across the interiors of triangles.
 
-On each edge the field stands for a virtual point source: the point that, unfolded into the plane behind the edge,
-has the field's distances from both ends (Novotni & Klein 2002, the model of the spherical marching). The walk goes
-straight to the best of those it sees from its triangle, so where the field is exact the walk is, too. It only has to
-find out which way round each bump the path goes: what it gets wrong within a strip, pulling tight mends.
+On each edge the field defines a virtual point source: the point in the plane behind the edge that has the field's
+distances from both ends (Novotni & Klein 2002, the model of spherical marching). The walk goes straight to the best
+virtual source visible from its triangle, so where the field is exact, the walk is too. It only has to find the correct
+side of each bump, because `pull_tight` corrects errors within a strip.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from unbend.geodesics.paths.funnel import append_edge
 from unbend.jit import inlined, kernel
 
-_STRIKES = 32  # steps in a row that a walk may make without coming nearer, for the field is not exact
+_MAX_STALLED = 32  # successive steps that may come no nearer, because the field is not exact
 
 
 @inlined
@@ -25,9 +25,9 @@ def _virtual_source(ua, ub, c):
 
 @inlined
 def _look(ua, ub, c, x, y):
-    """Look from (x, -y) over the edge from (0, 0) to (c, 0) at its virtual source.
+    """View the virtual source of the edge from (0, 0) to (c, 0) from the point (x, -y).
 
-    Returns the distance, the crossing, and the distance of the source from there; inf where it is not seen.
+    Return the distance, the crossing, and the distance of the source from there; inf if it is not visible.
     """
     sx, sy = _virtual_source(ua, ub, c)
     crossing = (sx * y + x * sy) / (y + sy)
@@ -39,7 +39,7 @@ def _look(ua, ub, c, x, y):
 
 @kernel
 def _leave(half_edges, offsets, corners, field, shrink, vertex, source):
-    """Choose how to leave `vertex`: return a half-edge, and where along it to cross; below 0 to walk along it."""
+    """Choose how to leave `vertex`: return a half-edge and the position of the crossing, below 0 to walk along it."""
     best, chosen, crossing = np.inf, np.int64(-1), -1.0
     for index in range(offsets[vertex], offsets[vertex + 1]):
         opposite = half_edges[corners[index]]
@@ -70,7 +70,7 @@ def _other_end(half_edges, half_edge, vertex):
 
 @kernel
 def _cheapest_edge(half_edges, offsets, corners, field, shrink, vertex):
-    """Return the half-edge at `vertex` over whose other end the source seems nearest, and that distance."""
+    """Return the half-edge at `vertex` whose other end gives the least distance to the source, and that distance."""
     best, chosen = np.inf, np.int64(-1)
     for index in range(offsets[vertex], offsets[vertex + 1]):
         opposite = half_edges[corners[index]]
@@ -84,7 +84,7 @@ def _cheapest_edge(half_edges, offsets, corners, field, shrink, vertex):
 
 @kernel
 def _enter(half_edges, field, half_edge):
-    """Choose the face to enter over `half_edge`: of several, the one whose far corner is nearest to the source."""
+    """Choose the face to enter over `half_edge`: of several, the one whose opposite corner is nearest to the source."""
     chosen = entry = half_edges[half_edge].twin
     while half_edges[entry].twin != half_edge:
         entry = half_edges[entry].twin
@@ -95,15 +95,15 @@ def _enter(half_edges, field, half_edge):
 
 @inlined
 def _cross_face(portal, before, after, ua, ub, uc, at):
-    """Go on in the face entered by half-edge `portal` at the share `at` of it; `before` and `after` are its others.
+    """Cross the face entered through half-edge `portal` at the share `at` of it; `before` and `after` are its others.
 
-    The field is ua and ub at the portal's ends, uc at the far corner. Returns the half-edge to leave by, the share
-    of it and the value there; or, where the half-edge is -1, the vertex to go to.
+    The field is ua and ub at the portal's ends, uc at the opposite corner. Return the half-edge to leave by, the share
+    of it and the value there; or, if the half-edge is -1, the vertex to go to.
     """
     base, along, aside = portal.length, portal.along, portal.aside
     leave, share, value, goal = -1, 0.0, 0.0, portal.corner
     best = uc + base * np.sqrt((along - at) * (along - at) + aside * aside)
-    if before.twin >= 0:  # the edge from the first end to the far corner
+    if before.twin >= 0:  # the edge from the first end to the opposite corner
         scale = at * base * base / before.length
         seen, crossing, there = _look(ua, uc, before.length, scale * along, scale * aside)
         if seen < best:
@@ -122,8 +122,8 @@ def _cross_face(portal, before, after, ua, ub, uc, at):
 
 @kernel
 def _walk(half_edges, field, shrink, source, portals, portal, leave, at):
-    """Walk through half-edge `leave` and on to a vertex; return it, -1 if there is no room, and the portals' end."""
-    nearest, strikes = np.inf, 0
+    """Walk through half-edge `leave` to a vertex; return it, -1 if the array is full, and the end of the portals."""
+    nearest, stalled = np.inf, 0
     while portal < len(portals):
         entry = _enter(half_edges, field, leave)
         portals[portal].exit, portals[portal].entry = leave, entry
@@ -139,21 +139,21 @@ def _walk(half_edges, field, shrink, source, portals, portal, leave, at):
             field[half_edges[entry].corner] * shrink,
         )
         leave, at, value, goal = _cross_face(half_edges[entry], before, after, ua, ub, uc, at)
-        if leave < 0 or strikes == _STRIKES:
+        if leave < 0 or stalled == _MAX_STALLED:
             return goal, portal
-        strikes = 0 if value < nearest else strikes + 1
+        stalled = 0 if value < nearest else stalled + 1
         nearest = min(value, nearest)
     return -1, portal
 
 
 @kernel
 def descend(half_edges, offsets, corners, field, shrink, source, target, pieces, portals):
-    """Walk from `target` down to `source`; fill the path and return its pieces, -1 where no way is found.
+    """Walk from `target` down to `source`; fill the path and return its number of pieces, -1 if no path is found.
 
-    A vertex from which nothing leads down is a fault of the field: it is left by its cheapest edge, and the field
-    is raised to what that costs, so that it leads nowhere in vain again (Korf 1990, learning real-time A*).
+    A local minimum is an error of the field: the walk leaves it by its cheapest edge, and raises the field there to the
+    cost of that edge, so that it does not return in vain (Korf 1990, learning real-time A*).
     """
-    # A bare 0 would have a type of its own, for which Numba compiles every callee once more.
+    # A literal 0 has a type of its own, for which Numba would compile every callee again.
     vertex, piece, portal = target, np.int64(0), np.int64(0)
     pieces[0].node, pieces[0].start = target, 0
     for _ in range(len(pieces) - 2):
@@ -166,13 +166,13 @@ def descend(half_edges, offsets, corners, field, shrink, source, target, pieces,
         if goal >= 0 and field[goal] < field[vertex]:
             pieces[piece].edge, pieces[piece + 1].node, pieces[piece + 1].start = -1, goal, end
         else:
-            if at >= 0.0 or chosen < 0:  # the walk got lost, or there is none
+            if at >= 0.0 or chosen < 0:  # the walk failed, or there is none
                 chosen, through = _cheapest_edge(half_edges, offsets, corners, field, shrink, vertex)
                 if chosen < 0:
                     return -1
                 field[vertex] = max(field[vertex], through / shrink)
             goal, end = _other_end(half_edges, chosen, vertex), portal
-            if piece > 0 and goal == pieces[piece - 1].node:  # out of a dead end
+            if piece > 0 and goal == pieces[piece - 1].node:  # leave a dead end
                 vertex, piece = goal, piece - 1
                 portal = pieces[piece].start
                 continue

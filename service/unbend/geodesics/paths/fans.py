@@ -1,4 +1,4 @@
-"""The ways round a node of a path: over the faces on one side of it, or over those on the other."""
+"""The two ways around a node of a path: over the faces on either side of it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from unbend.jit import inlined, kernel
 
 HALF_TURN: Final = np.pi - 1e-9  # a bend below this shortens a path by 1e-18 of it
 NO_TURN: Final = -1
-BACK: Final = -2  # the path leaves the node by the face it came through
+BACK: Final = -2  # the path leaves the node through the face by which it arrived
 
 
 @kernel
 def push(strip, count, leave, enter):
-    """Append a portal to a strip; one that goes back over the portal before it takes that away."""
+    """Append a portal to a strip; if it returns through the last portal, remove that one instead."""
     if count > 0 and strip[count - 1].entry == leave:
         count -= 1
         leave = strip[count].exit
@@ -39,10 +39,10 @@ def _angle_to(leave, head, spoke):
 
 @kernel
 def _go_round(half_edges, limit, vertex, goal, leave, head, spoke, angle, strip, count):
-    """Go round `vertex` from `spoke` on, until a piece is reached: along the edge to `goal`, or out by `leave`.
+    """Turn around `vertex` from `spoke` until a piece is reached: along the edge to `goal`, or through `leave`.
 
-    `angle` is what lies behind already. Returns the whole angle, inf where it exceeds a half turn or the way is
-    barred; the last spoke; and the end of the strip, to which the portals are appended unless it is below 0.
+    `angle` is the angle so far. Return the total angle, inf if it exceeds a half turn or an edge cannot be crossed; the
+    last spoke; and the end of the strip, to which the portals are appended unless `count` is below 0.
     """
     for _ in range(limit):
         _, other = _corner(half_edges[spoke], half_edges[half_edges[spoke].after], vertex)
@@ -62,9 +62,9 @@ def _go_round(half_edges, limit, vertex, goal, leave, head, spoke, angle, strip,
 
 @kernel
 def _round(half_edges, offsets, pieces, portals, piece, turn, strip, count):
-    """Go round the node where `piece` starts, from the piece before it, the way that `turn` begins.
+    """Turn around the node where `piece` starts, from the piece before it, in the direction given by `turn`.
 
-    After an edge, `turn` is one of its half-edges, and its face the first; after a strip, the first spoke.
+    After an edge, `turn` is a half-edge of it in the first face; after a strip, `turn` is the first spoke.
     """
     vertex, goal = pieces[piece].node, pieces[piece + 1].node
     leave = -1 if pieces[piece].edge >= 0 else portals[pieces[piece].start].exit
@@ -92,7 +92,7 @@ def fan_from(half_edges, offsets, pieces, portals, piece, turn, strip, count):
 
 @kernel
 def best_turn(half_edges, offsets, pieces, portals, piece):
-    """Return how to pass the node before `piece` on its narrower side, NO_TURN where none is below a half turn."""
+    """Return the turn around the node before `piece` on its narrower side, NO_TURN if neither is below a half turn."""
     best, turn = HALF_TURN, NO_TURN
     edge = pieces[piece - 1].edge
     if edge < 0:

@@ -1,8 +1,8 @@
-"""The shortest path in a strip of triangles: unfold it into the plane and pull a string tight.
+"""The shortest path in a strip of triangles, unfolded into the plane, by the funnel algorithm.
 
-The funnel of Lee & Preparata (1984): the shortest paths from the start to both ends of a portal share a way up to
-the apex and then bend outwards, to the left and to the right. The next portal moves one end; what the string to it
-no longer touches leaves the funnel for good, so a strip of k triangles takes O(k).
+The funnel of Lee & Preparata (1984): the shortest paths from the start to both ends of a portal are the same up to the
+apex, and then bend outwards to the left and to the right. The next portal moves one end. Points that the path to it no
+longer touches leave the funnel permanently, so a strip of k triangles takes O(k).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from unbend.jit import inlined, kernel
 
 @inlined
 def turn(a, b, c):
-    """Return twice the area of the triangle of three points: above 0 where c lies to the left of a -> b."""
+    """Return twice the signed area of the triangle of three points, above 0 if c lies to the left of a -> b."""
     return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
 
 
@@ -25,14 +25,14 @@ def _set(point, x, y, vertex, first):
 
 @kernel
 def _start(half_edges, leave, portal, points):
-    """Lay the start at the origin and the first portal before it: its first end, to the right, on the x axis."""
+    """Place the start at the origin and the first portal in front of it, with its first (right) end on the x axis."""
     before, after = half_edges[leave].before, half_edges[leave].after
     base, along, aside = half_edges[before].length, half_edges[before].along, half_edges[before].aside
     _set(points[0], 0.0, 0.0, half_edges[leave].corner, portal - 1)
     points[0].last, points[0].parent = portal - 1, -1
     _set(points[1], base, 0.0, half_edges[after].corner, portal)
     _set(points[2], base * along, base * aside, half_edges[before].corner, portal)
-    if base == 0.0:  # the start coincides with the first end
+    if base == 0.0:  # the start and the first end coincide
         points[2].x = half_edges[after].length
 
 
@@ -40,10 +40,10 @@ def _start(half_edges, leave, portal, points):
 def pull_tight(half_edges, strip, first, stop, points, ends, deque):
     """Find the shortest path through portals `first` to `stop` - 1 (at least one), between the corners opposite.
 
-    Returns the number of the last point; `parent` leads from it back to point 0, the start.
+    Return the number of the last point; `parent` leads from it back to point 0, the start.
 
     The deque holds the funnel from its left end, at `low`, over the apex to its right end, at `high`. `step` is 1
-    where the left end moves and -1 where the right one does, so that one piece of code serves both.
+    if the left end moves and -1 if the right one does, so that the same code handles both.
     """
     _start(half_edges, strip[first].exit, first, points)
     apex = stop - first + 2
@@ -66,10 +66,10 @@ def pull_tight(half_edges, strip, first, stop, points, ends, deque):
         step, end, other = 1, low, high
         if portal + 1 < stop and half_edges[strip[portal + 1].exit].corner != left_vertex:
             step, end, other = -1, high, low
-        # pop what the string to the new end leaves aside: first on its own side,
+        # pop the points that the path to the new end no longer touches: first on its own side,
         while end != apex and step * turn(points[deque[end + step]], points[deque[end]], new) <= 0.0:
             end += step
-        if end == apex:  # then on the other, where the apex moves on
+        if end == apex:  # then on the other, where the apex advances
             while apex != other and step * turn(points[deque[apex]], points[deque[apex + step]], new) < 0.0:
                 apex += step
             end = apex
@@ -98,11 +98,11 @@ def edge_in_face(half_edges, any_half_edge, start, goal):
 
 @kernel
 def _common_edge(half_edges, strip, points, start, goal, stop):
-    """Return a half-edge of the edge from point `start` to the point `goal` after it, in the strip."""
+    """Return a half-edge of the edge from point `start` to the next point `goal`, in the strip."""
     shared = max(points[start].first, points[goal].first)
     if shared <= min(points[start].last, points[goal].last):
         return strip[shared].exit
-    after = points[start].last + 1  # the face before this portal has both
+    after = points[start].last + 1  # the face before this portal contains both
     inside = strip[after].exit if after < stop else strip[stop - 1].entry
     return edge_in_face(half_edges, inside, points[start].vertex, points[goal].vertex)
 
@@ -130,7 +130,7 @@ def append_edge(half_edges, pieces, piece, portals, half_edge, goal):
 
 @kernel
 def append_piece(half_edges, strip, points, ends, start, goal, stop, pieces, piece, portals, portal):
-    """Append the straight piece between two points that follow each other on the path; return its portals' end."""
+    """Append the straight piece between two successive points of the path; return the end of its portals."""
     first, end = points[start].last + 1, points[goal].first
     vertex = points[goal].vertex
     if first >= end:

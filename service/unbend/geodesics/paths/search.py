@@ -1,4 +1,4 @@
-"""Searches for shortest paths: walk down a field, straighten, take the best."""
+"""Searches for shortest paths: descend a distance field, straighten, keep the best."""
 
 from __future__ import annotations
 
@@ -11,37 +11,14 @@ from unbend.jit import kernel
 
 
 @kernel
-def refine(mesh, field, source, targets, lengths, path, spare, work):
-    """Write the lengths of locally shortest paths from `source` to `targets` to `lengths`, and into `field`.
-
-    Nearest targets first: where they are many, the field that later walks go down is then nearly exact. Memory is
-    the caller's: `path_arrays`, twice, and `work_arrays`.
-    """
-    half_edges, offsets, corners, extent = mesh
-    strip, points, ends, deque, turns = work
-    tools = strip, points, ends, deque
-    here, there = (path.pieces, path.portals), (spare.pieces, spare.portals)
-    for index in range(len(targets)):
-        target = targets[index]
-        lengths[index] = field[target]
-        if target == source or not np.isfinite(field[target]):
-            continue
-        count = descend(half_edges, offsets, corners, field, 1.0 / extent, source, target, here[0], here[1])
-        if count > 0:
-            here, there, count = shorten(half_edges, offsets, here, count, there, turns, tools)
-        if count > 0:
-            lengths[index] = field[target] = path_length(here[0], count) * extent
-
-
-@kernel
 def search_shortest(mesh, field, source, target, path, spare, best, work):
-    """Find a shortest path from `target` to `source` among those that start with a walk or with an edge there.
+    """Find a shortest path from `target` to `source` among those that start at `target` with a walk or with an edge.
 
-    Returns its pieces, its portals and the number of pieces, 0 where there is none.
+    Return its pieces, its portals and the number of pieces, 0 if there is none.
     """
     half_edges, offsets, corners, extent = mesh
     strip, points, ends, deque, turns = work
-    tools = strip, points, ends, deque
+    scratch = strip, points, ends, deque
     here, there, kept = (path.pieces, path.portals), (spare.pieces, spare.portals), (best.pieces, best.portals)
     made, least = 0, np.inf
     for attempt in range(2 * (offsets[target + 1] - offsets[target]) + 1):
@@ -56,7 +33,7 @@ def search_shortest(mesh, field, source, target, path, spare, best, work):
         if count >= 0 and attempt > 0:
             count += 1
         if count > 0:
-            here, there, count = shorten(half_edges, offsets, here, count, there, turns, tools)
+            here, there, count = shorten(half_edges, offsets, here, count, there, turns, scratch)
         if count > 0 and path_length(here[0], count) < least:
             least, made = path_length(here[0], count), count
             here, kept = kept, here
@@ -65,7 +42,7 @@ def search_shortest(mesh, field, source, target, path, spare, best, work):
 
 @kernel
 def straighten_walk(mesh, vertices, path, spare, work):
-    """Straighten a walk along edges, from vertex to vertex; return as `search_shortest` does."""
+    """Straighten a walk along edges, from vertex to vertex; return the same as `search_shortest`."""
     half_edges, offsets, corners, _ = mesh
     strip, points, ends, deque, turns = work
     here, there = (path.pieces, path.portals), (spare.pieces, spare.portals)
@@ -93,7 +70,7 @@ def _edge_between(half_edges, offsets, corners, start, goal):
 
 @kernel
 def crossings(half_edges, pieces, portals, count, points, ends, deque, first, second, share):
-    """Write where a path turns and crosses edges: `share` of the way from vertex `first` to vertex `second`."""
+    """Write the points where a path turns or crosses edges, each at `share` of the way from `first` to `second`."""
     place = 0
     for piece in range(count + 1):
         first[place] = second[place] = pieces[piece].node

@@ -1,8 +1,8 @@
-"""From any path over a mesh to one that is locally shortest (Xin & Wang 2007; FlipOut, Sharp & Crane 2020).
+"""Straightening of any path over a mesh to a locally shortest one (Xin & Wang 2007; FlipOut, Sharp & Crane 2020).
 
-A path of straight pieces is locally shortest where neither side of a node is narrower than a half turn. Where one
-is, the faces on that side join the strips before and after to one strip, in which the path is pulled tight. The
-strip has the old path on its border, so no round makes a path longer.
+A path of straight pieces is locally shortest if neither side of any node is narrower than a half turn. If one is, the
+faces on that side connect the strips before and after to one strip, in which the path is pulled tight. The old path is
+on the border of the strip, so no round makes a path longer.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from unbend.geodesics.paths.fans import NO_TURN, best_turn, fan_from, push
 from unbend.geodesics.paths.funnel import append_edge, append_piece, edge_in_face, pull_tight
 from unbend.jit import kernel
 
-_ROUNDS = 100  # paths take a handful; a bound for what rounding might turn to and fro
-_SPARE = 8  # places at the end of an array that only whole strips may fill
+_ROUNDS = 100  # paths need a few; rounding might otherwise alternate forever
+_SPARE = 8  # entries at the end of each array that stay unused, as a safety margin
 
 
 @kernel
 def _trim(half_edges, strip, count, start, goal):
-    """Leave out the portals at a strip's ends that end in its first or last vertex: return the range of the others."""
+    """Return the range of a strip's portals without those at its ends that contain its first or last vertex."""
     first, stop = 0, count
     while first < stop:
         leave = half_edges[strip[first].exit]
@@ -47,9 +47,9 @@ def _find_turns(half_edges, offsets, pieces, portals, count, turns):
 
 @kernel
 def _join(half_edges, offsets, pieces, portals, piece, stop, turns, strip):
-    """Join the strips of pieces `piece` to `stop` - 1 with the fans between; return the number of portals.
+    """Join the strips of pieces `piece` to `stop` - 1 with the fans between them; return the number of portals.
 
-    Returns a half-edge of the first face, too: a strip may have no portals. -1 portals are too many.
+    Also return a half-edge of the first face, because a strip may have no portals. -1 means too many portals.
     """
     count, arrived = np.int64(0), np.int64(-1)
     inside = turns[piece + 1] if pieces[piece].edge >= 0 else portals[pieces[piece].start].exit
@@ -75,7 +75,7 @@ def _join(half_edges, offsets, pieces, portals, piece, stop, turns, strip):
 
 @kernel
 def _pull(half_edges, offsets, path, piece, stop, turns, work, new, made, portal):
-    """Append pieces `piece` to `stop` - 1 of `path` to `new`, pulled tight; return its pieces, or -1, and portals."""
+    """Append pieces `piece` to `stop` - 1 of `path` to `new`, pulled tight; return its sizes, -1 if it is full."""
     pieces, (strip, points, ends, deque) = path[0], work
     start, goal = pieces[piece].node, pieces[stop].node
     count, inside = _join(half_edges, offsets, pieces, path[1], piece, stop, turns, strip)
@@ -91,7 +91,7 @@ def _pull(half_edges, offsets, path, piece, stop, turns, work, new, made, portal
         return made + 1, portal
     point = pull_tight(half_edges, strip, first, end, points, ends, deque)
     depth = 0
-    while point >= 0:  # the deque is free again: it takes the points from the goal to the start
+    while point >= 0:  # the deque is reused for the points from the goal to the start
         deque[depth] = point
         depth += 1
         point = points[point].parent
@@ -116,9 +116,9 @@ def _copy(path, piece, new, made, portal, fresh):
 
 @kernel
 def _rebuild(half_edges, offsets, path, count, turns, work, new, raw):
-    """Write `path` to `new`, its strips joined at the nodes with turns; return the pieces of `new`, or -1.
+    """Write `path` to `new`, its strips joined at the nodes with turns; return the number of pieces, or -1.
 
-    A `raw` path's strips are not straight: all of them are pulled tight.
+    The strips of a `raw` path are not straight, so all of them are pulled tight.
     """
     pieces = path[0]
     made = portal = piece = np.int64(0)
@@ -151,7 +151,7 @@ def path_length(pieces, count):
 def shorten(half_edges, offsets, path, count, spare, turns, work):
     """Shorten a raw path until it is locally shortest.
 
-    Returns the arrays that hold it, those that are free, and its number of pieces, -1 where arrays are too small.
+    Return its arrays, the spare arrays, and its number of pieces, -1 if the arrays are too small.
     """
     turns[: count + 1] = NO_TURN
     made = _rebuild(half_edges, offsets, path, count, turns, work, spare, np.bool_(True))

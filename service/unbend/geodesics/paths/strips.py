@@ -1,11 +1,11 @@
-"""What paths need to know of a mesh, and the arrays they are kept in while they are made.
+"""The mesh as path searches use it, and the arrays of a path.
 
 Half-edge `3 f + i` lies opposite corner `i` of face `f` (`mesh.topology`). A *portal* is an edge that a path
 crosses: the half-edge by which it leaves one face and the half-edge by which it enters the next. A *strip* is the
-run of faces that a list of portals joins; it can be unfolded into the plane face by face. A path is a list of
+sequence of faces that a list of portals connects; it can be unfolded into the plane face by face. A path is a list of
 *pieces* between vertices, its *nodes*: a piece runs along one edge, or straight through a strip.
 
-Nothing here needs an orientation: the two ends of a portal are told apart by their vertices.
+The mesh need not be oriented: the two ends of a portal are distinguished by their vertices.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from unbend.mesh.surface import Surface
 from unbend.mesh.topology import find_edges
 
 SHORTEST_PORTAL: Final = 1e-10
-"""An edge below this share of the mesh's extent is no portal: unfolding over it keeps less than six digits."""
+"""An edge below this share of the mesh's extent is no portal: unfolding over it is accurate to less than six digits."""
 
 HALF_EDGE: Final = np.dtype(
     [
         ("corner", np.int64),  # the vertex opposite
-        ("twin", np.int64),  # the next half-edge of the same edge, cyclically; -1 where no path can cross
+        ("twin", np.int64),  # the next half-edge of the same edge, cyclically; -1 if no path can cross
         ("after", np.int64),  # the half-edge opposite its first end
         ("before", np.int64),  # the half-edge opposite its second end
         ("length", np.float64),
@@ -38,10 +38,10 @@ HALF_EDGE: Final = np.dtype(
 PORTAL: Final = np.dtype([("exit", np.int64), ("entry", np.int64)])
 PIECE: Final = np.dtype(
     [
-        ("node", np.int64),  # where it starts; the piece after it tells where it ends
+        ("node", np.int64),  # its start; its end is the node of the next piece
         ("start", np.int64),  # its first portal
         ("edge", np.int64),  # a half-edge of the edge it runs along, -1 for a strip
-        ("fresh", np.int64),  # 1 where the last round changed it
+        ("fresh", np.int64),  # 1 if the last round changed it
         ("length", np.float64),
         ("head", np.float64),  # angle at the start, from the edge to the first end of its first exit to the piece
         ("tail", np.float64),  # angle at the end, from the edge to the first end of its last entry to the piece
@@ -52,7 +52,7 @@ POINT: Final = np.dtype(  # of an unfolded strip
         ("x", np.float64),
         ("y", np.float64),
         ("vertex", np.int64),
-        ("first", np.int64),  # first portal that it is an end of
+        ("first", np.int64),  # first portal of which it is an end
         ("last", np.int64),
         ("parent", np.int64),  # the point before it on the shortest path to it
     ]
@@ -61,33 +61,33 @@ ENDS: Final = np.dtype([("right", np.int64), ("left", np.int64)])  # a portal's 
 
 
 class StripMesh(NamedTuple):
-    """Connectivity and intrinsic shape of a surface, as kernels take them."""
+    """Connectivity and intrinsic geometry of a surface, as arrays for kernels."""
 
     half_edges: NDArray[Any]  # (3 m,) of HALF_EDGE, lengths in units of `extent`
-    offsets: Ints  # (n + 1,) int32: where a vertex's corners begin in `corners`
+    offsets: Ints  # (n + 1,) int32: start of each vertex' entries in `corners`
     corners: Ints  # (3 m,) int32: half-edges opposite each vertex
     extent: float
 
 
 class Path(NamedTuple):
-    """Room for a path: `pieces` up to one that only tells the last node, and their `portals`."""
+    """Buffers for a path: its `pieces`, with one more for the last node, and their `portals`."""
 
     pieces: NDArray[Any]
     portals: NDArray[Any]
 
 
 class Work(NamedTuple):
-    """Scratch arrays of `straighten`."""
+    """Scratch arrays for straightening."""
 
-    strip: NDArray[Any]  # the portals of the strip at hand
-    points: NDArray[Any]  # its vertices, unfolded, from the start on
-    ends: NDArray[Any]  # which of them are at the ends of each portal
+    strip: NDArray[Any]  # portals of the current strip
+    points: NDArray[Any]  # its unfolded vertices, from the start
+    ends: NDArray[Any]  # points at the ends of each portal
     deque: Ints  # the funnel, from its left end over its apex to its right end
-    turns: Ints  # for each node of the path, how it can be passed on a shorter way
+    turns: Ints  # for each node of the path, the turn that shortens it
 
 
 def strip_mesh(surface: Surface) -> StripMesh:
-    """Prepare `surface` for paths: O(m log m) for m faces. Faces that repeat a vertex are left out."""
+    """Prepare `surface` for paths: O(m log m) for m faces. Faces that repeat a vertex are dropped."""
     a, b, c = surface.faces.T
     faces = surface.faces[(a != b) & (b != c) & (c != a)]
     count = len(surface.vertices)
@@ -102,7 +102,7 @@ def strip_mesh(surface: Surface) -> StripMesh:
 
 @kernel
 def _edge(vertices, extent, a, b):
-    """Return (b - a) / extent, to the last bit the opposite of that from b to a."""
+    """Return (b - a) / extent, exactly the negative of the vector from b to a."""
     return (
         (vertices[b, 0] - vertices[a, 0]) / extent,
         (vertices[b, 1] - vertices[a, 1]) / extent,
@@ -141,13 +141,13 @@ def _by_corner(half_edges, offsets):
 
 
 def path_arrays(mesh: StripMesh) -> Path:
-    """Return room for a path; the system gives memory only for what is touched."""
-    size = 2 * len(mesh.corners) + 64  # more portals than there are half-edges make no path worth having
+    """Allocate buffers for a path; the system provides memory only for pages that are used."""
+    size = 2 * len(mesh.corners) + 64  # a path with more portals than half-edges is useless
     return Path(np.empty(size, PIECE), np.empty(size, PORTAL))
 
 
 def work_arrays(mesh: StripMesh) -> Work:
-    """Return scratch arrays for `shorten`, with room for a path of `path_arrays`."""
+    """Allocate scratch arrays for `shorten`, large enough for a path of `path_arrays`."""
     size = 2 * len(mesh.corners) + 64
     return Work(
         np.empty(size, PORTAL), np.empty(size, POINT), np.empty(size, ENDS), np.empty(2 * size, np.int64),

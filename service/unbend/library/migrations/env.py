@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from unbend.library.schema import metadata
+from unbend.library.storage.schema import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

@@ -1,7 +1,6 @@
-"""Which class a query belongs to: a module for each classifier, behind one protocol."""
+"""Classification of a query: `classify` is the entry, `registry` lists the classifiers."""
 
-from unbend.matching.classification.answer import Classification, ClassMatch
-from unbend.matching.classification.classify import classify
+from unbend.matching.classification.classify import Classification, ClassMatch, classify
 from unbend.matching.classification.registry import CLASSIFIERS, DEFAULT_CLASSIFIER, get_classifier
 
 __all__ = [

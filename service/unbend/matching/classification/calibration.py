@@ -1,7 +1,7 @@
-"""The constants that make confidences probabilities, and that say how far is too far.
+"""Calibrated confidences and open-set rejection, and the constants of both.
 
-`benchmarks/classification.py` chooses them on half of the classes of three data sets, reports on the other halves, and
-prints the table below: run it after a measure has changed.
+`benchmarks/retrieval/classification.py` chooses the constants on half of the classes of three data sets, reports on the
+other halves, and prints the table below. Run it after a measure has changed.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.matching.classification.classifier import Query
+from unbend.matching.selection import smallest
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a measure's distances mean. All of it are ratios, so a change of unit changes nothing."""
+    """The constants of a measure. They apply to ratios of distances, so they do not depend on the unit."""
 
     exponents: Mapping[str, float]
-    """Of each classifier: how steeply its confidence falls with the distance."""
+    """For each classifier, the exponent with which confidence falls with the distance."""
     slack: float
-    """How many times as far from a class as its members are from each other a query may be."""
+    """The largest ratio of a query's distance from a class to the members' distances from each other."""
 
 
 CALIBRATIONS: Final[Mapping[str, Calibration]] = MappingProxyType(
@@ -39,19 +41,59 @@ CALIBRATIONS: Final[Mapping[str, Calibration]] = MappingProxyType(
 
 
 def calibration_of(measure: str) -> Calibration:
-    """Return a measure's constants; those of the spectrum for one that has none."""
+    """Return a measure's constants, or those of `spectrum` if it has none."""
     return CALIBRATIONS.get(measure, CALIBRATIONS["spectrum"])
 
 
-def confidences(remoteness: Floats, exponent: float) -> Floats:
-    """Return the probability of each class, (..., n), from how far it is, `remoteness` (..., n): finite, at least 0.
+def confidences(dissimilarities: Floats, exponent: float) -> Floats:
+    """Return the probability of each class, (..., n), from `dissimilarities` (..., n), finite and at least 0.
 
-    Proportional to remoteness ^ -`exponent`: what counts is how many times as far the others are. The inverse power
-    was better calibrated than softmaxes of distances (`benchmarks/classification.py`) and knows no unit. Classes at
-    no distance at all share alike.
+    Probabilities are proportional to dissimilarity ^ -`exponent`, so only ratios count and the unit does not matter.
+    This inverse power was better calibrated than softmaxes of distances (`benchmarks/retrieval/classification.py`).
+    Classes at dissimilarity 0 share the probability equally.
     """
-    logarithms = -exponent * np.log(np.maximum(remoteness, np.finfo(float).tiny))
+    logarithms = -exponent * np.log(np.maximum(dissimilarities, np.finfo(float).tiny))
     shares = np.exp(logarithms - logarithms.max(axis=-1, keepdims=True))
     # Sorted, because the rounding of a sum depends on the order, and the order of classes must not show.
     total = np.sort(shares, axis=-1).sum(axis=-1, keepdims=True)
     return np.asarray(shares / total)
+
+
+_NEAR_MEMBERS: Final = 256
+"""The nearest members of a class that are considered, so that larger classes cost no more."""
+
+_PROBES: Final = 32
+"""The members among them whose own nearest neighbours are searched."""
+
+
+def is_known(query: Query, code: int, slack: float) -> bool | None:
+    """Return whether a query is near enough to a class to belong to it.
+
+    It is if its distance from the nearest member is at most `slack` times the mean distance of members from their
+    nearest neighbours in the class (Tax & Duin 2000 compare with a single neighbour's, Breunig et al. 2000 with
+    several'). None if the class has a single member, which has no such neighbour.
+
+    Notes ----- The stricter rule, no farther than the farthest that a member is from the others, rejects one query in n
+    + 1 of a class of n members (it is a conformal prediction, Vovk et al. 2005), and a single outlier widens the class
+    for all queries. Accepting a query that is near any class, instead of the best, accepts nearly everything if one
+    class is wide. `benchmarks/retrieval/classification.py` measures how often a query of a class is rejected and one of
+    no class is accepted. It chose the rule on half of the classes, by the least sum of both rates, and reports on the
+    others.
+    """
+    near, own = spacing(query, code)
+    return bool(near <= slack * own.mean()) if len(own) else None
+
+
+def spacing(query: Query, code: int) -> tuple[float, Floats]:
+    """Return the query's distance to the nearest member of a class, and the members' nearest neighbour distances.
+
+    The members are those nearest to the query. The second array is empty if there are fewer than two.
+    """
+    members = np.flatnonzero(query.gallery.codes == code)
+    near = members[smallest(query.distances[members], _NEAR_MEMBERS)]
+    if len(near) < 2:
+        return float(query.nearest[code]), np.empty(0)
+    vectors = query.gallery.vectors[near]
+    own = query.measure.between(vectors[:_PROBES], vectors)
+    np.fill_diagonal(own, np.inf)
+    return float(query.nearest[code]), own.min(axis=1)

@@ -1,33 +1,56 @@
-"""What a classifier is."""
+"""The types that every classifier uses: a query, the scores of the classes, and the classifier itself."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
-from unbend.arrays import Floats
-from unbend.matching.classification.query import Query
+import numpy as np
+
+from unbend.arrays import Floats, Indices, Singles
+from unbend.matching.gallery import Gallery
+from unbend.matching.measures import VectorMeasure
+from unbend.matching.selection import nearest_of_each_class
 
 
-class Judgement(NamedTuple):
-    """How far a query is from each class of its gallery; infinitely where the class has no members."""
+@dataclass(frozen=True)
+class Query:
+    """A vector to classify, and its distances to a gallery. Rows at an infinite distance are excluded."""
 
-    remoteness: Floats
-    """What classes are ordered by and confidences made from, (classes,); at least 0, in any unit."""
+    gallery: Gallery
+    measure: VectorMeasure
+    vector: Singles
+    """(d,)."""
     distances: Floats
-    """What is told of them, (classes,)."""
+    """Distance to each row of the gallery, (n,); infinite for excluded rows, such as the query itself."""
+
+    @cached_property
+    def nearest(self) -> Floats:
+        """Distance to the nearest member of each class, (classes,); infinite for a class without members."""
+        return nearest_of_each_class(self.distances, self.gallery.codes, len(self.gallery.labels))
+
+    @cached_property
+    def excluded(self) -> Indices:
+        """The labelled rows that are excluded."""
+        return np.flatnonzero(~(self.distances < np.inf) & (self.gallery.codes >= 0))
+
+
+class ClassScores(NamedTuple):
+    """Two values for each class of a gallery; infinite for a class without members."""
+
+    dissimilarities: Floats
+    """Values that order the classes and give the confidences, (classes,); at least 0, in any unit."""
+    distances: Floats
+    """Distances that are reported to the user, (classes,)."""
 
 
 @dataclass(frozen=True)
 class Classifier:
-    """A way to compare a query with classes. Its answers depend on nothing but the query and what is stored."""
+    """A way to compare a query with classes. The result depends only on the query and the gallery."""
 
     name: str
-    """What callers choose it by."""
-    needs: int
-    """Labelled shapes that it takes at least, a class on average."""
-    reference: str
-    """Where it comes from."""
-    judge: Callable[[Query], Judgement]
-    """ParameterError if the gallery has too few labels."""
+    """The name by which callers choose the classifier."""
+    score: Callable[[Query], ClassScores]
+    """Scores the classes; raises ParameterError if the gallery has too few labels."""

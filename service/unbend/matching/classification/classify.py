@@ -1,18 +1,39 @@
-"""From distances to classes, with confidences."""
+"""Classification of a query, with confidences."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from unbend.arrays import Floats, Singles
 from unbend.errors import ParameterError
-from unbend.matching.classification.answer import Classification, ClassMatch
-from unbend.matching.classification.calibration import calibration_of, confidences
-from unbend.matching.classification.openset import is_known
-from unbend.matching.classification.query import Query
+from unbend.matching.classification.calibration import calibration_of, confidences, is_known
+from unbend.matching.classification.classifier import Query
 from unbend.matching.classification.registry import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.gallery import Gallery
 from unbend.matching.measures import VectorMeasure
+
+
+@dataclass(frozen=True)
+class ClassMatch:
+    """A class that a query may belong to."""
+
+    label: str
+    distance: float
+    """Distance from the query to the class. The classifier defines it: to the nearest member, or to the mean."""
+    confidence: float
+    """Probability, 0 to 1, that this is the query's class, provided that its class is in the library."""
+
+
+@dataclass(frozen=True)
+class Classification:
+    """All classes, best first, and whether the best is near enough."""
+
+    matches: list[ClassMatch]
+    """Equally good classes are in the order of their labels."""
+    known: bool | None
+    """False if the query is too far from the best class to belong to it; None if that cannot be decided."""
 
 
 def classify(
@@ -22,48 +43,47 @@ def classify(
     distances: Floats,
     classifier: str = DEFAULT_CLASSIFIER,
 ) -> Classification:
-    """Say which classes of `gallery` a query may belong to.
+    """Order the classes of `gallery` by how likely `query` belongs to each.
 
     Parameters
     ----------
     gallery : Gallery
-        What is learned from it is kept with it: pass the same one again for another query.
+        What a classifier learns is cached per gallery object, so pass the same object for further queries.
     measure : VectorMeasure
     query : (d,) float32
     distances : (n,) float64
-        From the query to each row of the gallery under `measure`. What is at no finite distance takes no part:
-        set infinite what was removed, and the query itself where it is stored.
+        From the query to each row of the gallery under `measure`. Rows at an infinite distance are excluded: set
+        removed rows to infinity, and the row of the query itself if it is stored.
     classifier : str, default "nearest"
 
     Returns
     -------
     Classification
-        All classes with a member. None at all where nothing has a label.
+        All classes with a member; none if nothing has a label.
 
     Raises
     ------
     ParameterError
-        If there is no such classifier, it needs more labels, or there are not as many distances as rows.
+        If there is no such classifier, it needs more labels, or the number of distances differs from that of rows.
     """
     chosen = get_classifier(classifier)
     if distances.shape != (len(gallery),):
         raise ParameterError(f"distances of shape {distances.shape} for a gallery of {len(gallery)} rows")
-    asked = Query(gallery, measure, query, distances)
-    judgement = chosen.judge(asked)
-    present = np.flatnonzero(judgement.remoteness < np.inf)
+    checked = Query(gallery, measure, query, distances)
+    scores = chosen.score(checked)
+    present = np.flatnonzero(scores.dissimilarities < np.inf)
     if not len(present):
         return Classification([], None)
     calibration = calibration_of(measure.name)
-    remoteness = judgement.remoteness[present]
-    shares = confidences(remoteness, calibration.exponents[chosen.name])
+    dissimilarities = scores.dissimilarities[present]
     ordered = sorted(
         zip(
-            remoteness.tolist(),
+            dissimilarities.tolist(),
             (gallery.labels[code] for code in present),
-            judgement.distances[present].tolist(),
-            shares.tolist(),
+            scores.distances[present].tolist(),
+            confidences(dissimilarities, calibration.exponents[chosen.name]).tolist(),
             strict=True,
         )
     )
-    matches = [ClassMatch(label, distance, share) for _, label, distance, share in ordered]
-    return Classification(matches, is_known(asked, gallery.labels.index(matches[0].label), calibration.slack))
+    matches = [ClassMatch(label, distance, confidence) for _, label, distance, confidence in ordered]
+    return Classification(matches, is_known(checked, gallery.labels.index(matches[0].label), calibration.slack))

@@ -1,39 +1,36 @@
-"""Regularised linear discriminants: class means, told apart by the directions in which members do not differ."""
+"""Regularised linear discriminants: distances to class means under the shrunk common covariance of the members."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import UnsuitedError
-from unbend.matching.classification.classifier import Classifier, Judgement
-from unbend.matching.classification.learned import once_a_gallery
+from unbend.matching.classification.classifier import Classifier, ClassScores, Query
 from unbend.matching.classification.means import ClassMeans, class_means, labelled_blocks
-from unbend.matching.classification.query import Query
-from unbend.matching.classification.shrinkage import Metric
-from unbend.matching.gallery import Gallery
+from unbend.matching.gallery import Gallery, cached_per_gallery
 
-MEMBERS: Final = 2
-"""Labelled shapes a class, on average: from one nothing is learned of how members differ."""
+MIN_MEMBERS: Final = 2
+"""The fewest labelled shapes per class, on average: a single member does not show how members differ."""
 
 
 @dataclass(frozen=True)
-class _Learned:
-    """What a gallery teaches, in the axes of its classes' common scatter."""
+class _Model:
+    """Class means and scatter of a gallery, in the principal axes of the classes' common scatter."""
 
     axes: Floats
-    """(d, d), a column each."""
+    """(d, d), one axis per column."""
     scatter: Floats
-    """Sums of squared differences from the members' class means along the axes, (d,)."""
+    """Sums of squared differences between members and their class means along the axes, (d,)."""
     classes: ClassMeans
-    """Along the axes."""
+    """Counts and means, with coordinates along the axes."""
 
 
-@once_a_gallery
-def _learn(gallery: Gallery) -> _Learned:
+@cached_per_gallery
+def _fit(gallery: Gallery) -> _Model:
     classes = class_means(gallery)
     scatter = np.zeros((gallery.vectors.shape[1], gallery.vectors.shape[1]))
     for rows, vectors in labelled_blocks(gallery):
@@ -43,45 +40,98 @@ def _learn(gallery: Gallery) -> _Learned:
     present = classes.counts > 0
     means = np.full_like(classes.means, np.inf)
     means[present] = classes.means[present] @ axes
-    return _Learned(axes, np.maximum(values, 0.0), ClassMeans(classes.counts, means))
+    return _Model(axes, np.maximum(values, 0.0), ClassMeans(classes.counts, means))
 
 
-def _judge(query: Query) -> Judgement:
-    """Measure from the query to each class' mean in the metric of the members' common covariance (Mahalanobis).
+def _score(query: Query) -> ClassScores:
+    """Return the Mahalanobis distance to each class mean, under the common covariance of the members.
 
-    A stored query is no part of what it is compared with: its share of the means and the scatter is taken off.
-    All classes are as likely beforehand: how many shapes of them are stored says nothing of what is asked.
+    Excluded rows, such as a stored query's own, are subtracted from the means and the scatter. All classes have the
+    same prior probability, because the number of stored shapes says nothing about which queries come.
     """
     gallery = query.gallery
     _check_labels(
-        class_means(gallery).counts - np.bincount(gallery.codes[query.left_out], minlength=len(gallery.labels))
+        class_means(gallery).counts - np.bincount(gallery.codes[query.excluded], minlength=len(gallery.labels))
     )
-    learned = _learn(gallery)
-    classes, lost = learned.classes, np.zeros((len(learned.axes), len(query.left_out)))
-    for place, row in enumerate(query.left_out):
-        vector, code = gallery.vectors[row] @ learned.axes, int(gallery.codes[row])
+    model = _fit(gallery)
+    classes, removed = model.classes, np.zeros((len(model.axes), len(query.excluded)))
+    for place, row in enumerate(query.excluded):
+        vector, code = gallery.vectors[row] @ model.axes, int(gallery.codes[row])
         if (members := classes.counts[code]) > 1:
-            lost[:, place] = np.sqrt(members / (members - 1)) * (vector - classes.means[code])
+            removed[:, place] = np.sqrt(members / (members - 1)) * (vector - classes.means[code])
         classes = classes.without(vector, code)
     present = classes.counts > 0
-    metric = Metric.of(learned.scatter, lost, int(classes.counts.sum() - present.sum()))
+    covariance = ShrunkCovariance.of(model.scatter, removed, int(classes.counts.sum() - present.sum()))
     distances = np.full(len(present), np.inf)
-    distances[present] = metric.lengths(classes.means[present] - query.vector @ learned.axes)
-    return Judgement(distances, distances)
+    distances[present] = covariance.mahalanobis_norms(classes.means[present] - query.vector @ model.axes)
+    return ClassScores(distances, distances)
 
 
 def _check_labels(counts: Ints) -> None:
     classes, members = np.count_nonzero(counts), counts.sum()
-    if classes < 2 or members < MEMBERS * classes:
+    if classes < 2 or members < MIN_MEMBERS * classes:
         raise UnsuitedError(
-            f"discriminants are learned from at least 2 classes and {MEMBERS} labelled shapes of each on average;"
+            f"discriminants need at least 2 classes and {MIN_MEMBERS} labelled shapes of each on average;"
             f" there are {classes} classes and {members} labelled shapes besides the query"
         )
 
 
-DISCRIMINANTS: Final = Classifier(
-    name="discriminants",
-    needs=MEMBERS,
-    reference="Friedman 1989: linear discriminants of a shrunk covariance; how much it is shrunk: Chen et al. 2010",
-    judge=_judge,
-)
+@dataclass(frozen=True)
+class ShrunkCovariance:
+    """A covariance diag(variances) - factor * removed removed^T, shrunk towards a multiple of the identity.
+
+    The matrix is never formed.
+    """
+
+    variances: Floats
+    """(d,), above 0."""
+    removed: Floats
+    """(d, k)."""
+    factor: float
+
+    @classmethod
+    def of(cls, scatter: Floats, removed: Floats, degrees_of_freedom: int) -> Self:
+        """Shrink the covariance S / `degrees_of_freedom`, where S is diag(`scatter`) - `removed` `removed`^T.
+
+        Parameters
+        ----------
+        scatter : (d,) float64
+        removed : (d, k) float64
+            The contribution to S of samples that are now excluded. Subtracting it keeps the axes as they are.
+        degrees_of_freedom : int
+            The number of samples minus the number of means that were subtracted from them.
+
+        Notes
+        -----
+        The shrinkage is that of the oracle approximating estimator (Chen et al. 2010, eq. 23). It needs only two
+        traces, so it is exactly that of the remaining samples. If these do not differ at all, the data says nothing
+        about axes, and the result is the identity.
+        """
+        dimension = len(scatter)
+        trace = float(scatter.sum() - (removed**2).sum())
+        if trace <= dimension * np.finfo(float).eps * scatter.sum():
+            return cls(np.ones(dimension), removed, 0.0)
+        squared = float((scatter**2).sum() - 2 * (scatter @ removed**2).sum() + ((removed.T @ removed) ** 2).sum())
+        shrinkage = _shrinkage(trace, squared, dimension, degrees_of_freedom)
+        factor = (1 - shrinkage) / degrees_of_freedom
+        return cls(factor * scatter + shrinkage * trace / (dimension * degrees_of_freedom), removed, factor)
+
+    def mahalanobis_norms(self, differences: Floats) -> Floats:
+        """Return the Mahalanobis norm of each row of `differences` (n, d), as (n,)."""
+        scaled = differences / self.variances
+        squares = np.einsum("nd,nd->n", scaled, differences)
+        # Woodbury's identity inverts the covariance without forming it.
+        projected = scaled @ self.removed
+        inner = np.eye(self.removed.shape[1]) - self.factor * self.removed.T @ (self.removed / self.variances[:, None])
+        squares += self.factor * np.einsum("nk,kn->n", projected, np.linalg.solve(inner, projected.T))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
+def _shrinkage(trace: float, squared: float, dimension: int, degrees_of_freedom: int) -> float:
+    """Return the weight of the identity, 0 to 1, from the traces of S and S S."""
+    excess = (degrees_of_freedom + 1 - 2 / dimension) * (squared - trace**2 / dimension)
+    return min(1.0, ((1 - 2 / dimension) * squared + trace**2) / excess) if excess > 0 else 1.0
+
+
+DISCRIMINANTS: Final = Classifier("discriminants", _score)
+"""Linear discriminants of a shrunk covariance (Friedman 1989), with the shrinkage of Chen et al. 2010."""

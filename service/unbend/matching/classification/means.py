@@ -1,4 +1,4 @@
-"""The means of classes."""
+"""Class means, and the classifier that takes the nearest of them."""
 
 from __future__ import annotations
 
@@ -11,46 +11,44 @@ from scipy.sparse import csr_array
 
 from unbend.arrays import Floats, Indices, Ints
 from unbend.errors import ParameterError
-from unbend.matching.classification.classifier import Classifier, Judgement
-from unbend.matching.classification.learned import once_a_gallery
-from unbend.matching.classification.query import Query
-from unbend.matching.gallery import Gallery
+from unbend.matching.classification.classifier import Classifier, ClassScores, Query
+from unbend.matching.gallery import Gallery, cached_per_gallery
 
-_ROWS: Final = 1 << 16
-"""Rows that are taken in double precision at a time: 80 MB of them, in 160 dimensions."""
+_BLOCK_ROWS: Final = 1 << 16
+"""Rows that are converted to double precision at a time: 80 MB in 160 dimensions."""
 
 
 @dataclass(frozen=True)
 class ClassMeans:
-    """How many members each class has, and their mean."""
+    """The number of members of each class, and their means."""
 
     counts: Ints
     """(classes,)."""
     means: Floats
-    """(classes, d); infinite where a class has no members."""
+    """(classes, d); infinite for a class without members."""
 
     def without(self, vector: Floats, code: int) -> Self:
-        """Return the same without one member."""
+        """Return the counts and means after one member is removed."""
         counts, means = self.counts.copy(), self.means.copy()
         counts[code] -= 1
         means[code] = means[code] + (means[code] - vector) / counts[code] if counts[code] else np.inf
         return type(self)(counts, means)
 
 
-@once_a_gallery
+@cached_per_gallery
 def class_means(gallery: Gallery) -> ClassMeans:
-    """Return the counts and means of all classes of `gallery`, from one pass over it.
+    """Return the counts and means of all classes of `gallery`, computed in one pass.
 
     Raises
     ------
     ParameterError
-        If a labelled vector holds a number that is not finite.
+        If a labelled vector contains a value that is not finite.
     """
     counts, sums = np.zeros(len(gallery.labels), np.int64), np.zeros((len(gallery.labels), gallery.vectors.shape[1]))
     for rows, vectors in labelled_blocks(gallery):
         finite = np.isfinite(vectors).all(axis=1)
         if not finite.all():
-            raise ParameterError(f"row {rows[finite.argmin()]} of the gallery holds a number that is not finite")
+            raise ParameterError(f"row {rows[finite.argmin()]} of the gallery contains a value that is not finite")
         codes = gallery.codes[rows]
         counts += np.bincount(codes, minlength=len(counts))
         members = csr_array((np.ones(len(rows)), (codes, np.arange(len(rows)))), (len(counts), len(rows)))
@@ -62,24 +60,20 @@ def class_means(gallery: Gallery) -> ClassMeans:
 
 
 def labelled_blocks(gallery: Gallery) -> Iterator[tuple[Indices, Floats]]:
-    """Yield the rows that have a class and their vectors in double precision, some at a time."""
+    """Yield blocks of labelled rows and their vectors in double precision."""
     labelled = np.flatnonzero(gallery.codes >= 0)
-    for start in range(0, len(labelled), _ROWS):
-        rows = labelled[start : start + _ROWS]
+    for start in range(0, len(labelled), _BLOCK_ROWS):
+        rows = labelled[start : start + _BLOCK_ROWS]
         yield rows, gallery.vectors[rows].astype(np.float64)
 
 
-def _judge(query: Query) -> Judgement:
+def _score(query: Query) -> ClassScores:
     classes = class_means(query.gallery)
-    for row in query.left_out:
+    for row in query.excluded:
         classes = classes.without(query.gallery.vectors[row].astype(np.float64), int(query.gallery.codes[row]))
     distances = query.measure.distances(query.vector, classes.means.astype(np.float32))
-    return Judgement(distances, distances)
+    return ClassScores(distances, distances)
 
 
-MEAN: Final = Classifier(
-    name="mean",
-    needs=1,
-    reference="Hastie et al. 2009, section 4.3: the nearest class mean, here under the measure's own distance",
-    judge=_judge,
-)
+MEAN: Final = Classifier("mean", _score)
+"""The nearest class mean (Hastie et al. 2009, section 4.3), here under the measure's own distance."""

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from unbend.errors import ParameterError
+from unbend.errors import check_choice
 from unbend.matching.classification.classifier import Classifier
 from unbend.matching.classification.discriminants import DISCRIMINANTS
 from unbend.matching.classification.means import MEAN
-from unbend.matching.classification.nearest import NEAREST
-from unbend.matching.classification.vote import VOTE
+from unbend.matching.classification.neighbours import NEAREST, VOTE
 
 CLASSIFIERS: Final[Mapping[str, Classifier]] = MappingProxyType(
     {classifier.name: classifier for classifier in (NEAREST, VOTE, MEAN, DISCRIMINANTS)}
@@ -21,7 +20,6 @@ DEFAULT_CLASSIFIER: Final = NEAREST.name
 
 
 def get_classifier(name: str) -> Classifier:
-    """Return the classifier called `name`; ParameterError lists the known ones."""
-    if name not in CLASSIFIERS:
-        raise ParameterError(f"classifier must be one of {', '.join(CLASSIFIERS)}, not {name!r}")
+    """Return the classifier called `name`; if there is none, ParameterError lists the names."""
+    check_choice("classifier", name, CLASSIFIERS)
     return CLASSIFIERS[name]

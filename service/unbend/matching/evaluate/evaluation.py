@@ -1,84 +1,86 @@
-"""Everything that is measured of retrieval with one measure."""
+"""Evaluation of retrieval under one measure: overall, per class and as a confusion matrix."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 
 from unbend.arrays import Codes, Floats, Indices, Singles, frozen
 from unbend.errors import ParameterError, UnsuitedError
-from unbend.matching.evaluate.curves import PrecisionRecall
-from unbend.matching.evaluate.figures import RetrievalFigures
+from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
 
-_MOST_CONFUSED: Final = 1000
-"""Classes whose confusions are told: there are as many numbers as the square of that."""
+_MAX_CONFUSION_CLASSES: Final = 1000
+"""The most classes whose confusion matrix `as_dict` includes: its size is the square of that."""
 
 
 @dataclass(frozen=True)
-class ClassFigures:
-    """The queries of one class."""
+class ClassMetrics:
+    """The results of the queries of one class."""
 
     label: str
     queries: int
-    """Those without an answer too."""
+    """The number of queries, including those without a signature."""
     members: int
-    """Shapes of the class in the gallery; when one is left out, it is counted."""
+    """Shapes of the class in the gallery, including a query that is left out."""
     accuracy: float
-    """How often the nearest shape is of this class; a query without an answer counts as wrong."""
-    figures: RetrievalFigures | None
-    """None where no query has another shape of the class in the gallery."""
+    """The share of queries whose nearest shape belongs to this class. A query without a signature counts as wrong."""
+    metrics: RetrievalMetrics | None
+    """None if no query with a signature has another shape of the class in the gallery."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values, the figures beside the rest; they are None where there are none."""
+        """Return plain JSON values. The metrics are fields of the same object; they are None if there are none."""
         counts = {name: getattr(self, name) for name in ("label", "queries", "members", "accuracy")}
-        return counts | _figures_as_dict(self.figures)
+        return counts | _metrics_as_dict(self.metrics)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How well queries find shapes of their class in a gallery."""
+    """The results of ranking a gallery for each of several queries."""
 
-    figures: RetrievalFigures | None
-    """Over the queries whose class has another shape in the gallery; None where there are none."""
+    metrics: RetrievalMetrics | None
+    """Means over the queries whose class has another shape in the gallery; None if there are none."""
     accuracy: float
-    """How often the nearest shape is of the query's class; over all queries."""
+    """The share of all queries whose nearest shape belongs to their class."""
     queries: int
-    """Those without an answer too."""
+    """The number of queries, including unanswered ones."""
     unanswered: int
-    """Queries that had no signature: wrong, and part of nothing but `accuracy`."""
+    """The number of queries without a signature. They count as wrong in `accuracy` and are left out elsewhere."""
     precision_recall: PrecisionRecall
-    classes: tuple[ClassFigures, ...]
-    """The queries' classes, in the order of `labels`."""
+    classes: tuple[ClassMetrics, ...]
+    """The classes of the queries, in the order of `labels`."""
     labels: tuple[str, ...]
     """Every class of a query or of the gallery, sorted."""
     query_classes: Codes
-    """Place in `labels`, (q,), of each query that has an answer; so are the following."""
+    """Index into `labels` of the class of each answered query, (q,). The arrays below have the same rows."""
     nearest_classes: Codes
-    """Of the nearest shape, (q,)."""
+    """Index into `labels` of the class of the nearest shape, (q,)."""
     nearest: Indices
-    """The nearest shape's row in the gallery, (q,)."""
+    """Row in the gallery of the nearest shape, (q,)."""
     nearest_distances: Floats
-    """(q,)."""
+    """Distance to the nearest shape, (q,)."""
 
     @property
     def confusion(self) -> Indices:
-        """Queries by their class (row) and that of the nearest shape (column), in the order of `labels`, (k, k)."""
+        """Counts of queries by class (row) and by class of the nearest shape (column), as in `labels`, (k, k)."""
         size = len(self.labels)
         pairs = self.query_classes.astype(np.int64) * size + self.nearest_classes
         return np.bincount(pairs, minlength=size * size).reshape(size, size)
 
     @property
     def wrong(self) -> Indices:
-        """The queries, as rows of the distances, whose nearest shape is of another class."""
+        """The rows of the queries whose nearest shape belongs to another class."""
         return np.flatnonzero(self.query_classes != self.nearest_classes)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values; the figures stand beside the rest. No confusion of more than 1000 classes."""
-        return _figures_as_dict(self.figures) | {
+        """Return plain JSON values. The metrics are fields of the same object.
+
+        The confusion matrix is None for more than 1000 classes.
+        """
+        return _metrics_as_dict(self.metrics) | {
             "accuracy": self.accuracy,
             "queries": self.queries,
             "unanswered": self.unanswered,
@@ -91,7 +93,7 @@ class Evaluation:
         }
 
     def _confusion_as_dict(self) -> dict[str, Any] | None:
-        if len(self.labels) > _MOST_CONFUSED:
+        if len(self.labels) > _MAX_CONFUSION_CLASSES:
             return None
         return {"labels": list(self.labels), "counts": self.confusion.tolist()}
 
@@ -104,90 +106,71 @@ def evaluate(
     own: Indices | None = None,
     unanswered: Sequence[str] = (),
 ) -> Evaluation:
-    """Rank the gallery for every query and average the figures.
+    """Rank the gallery for every query and average the metrics.
 
     Shapes at equal distances are ranked in the order of their rows. Queries whose class has no other shape in the
-    gallery have nothing to retrieve: they are left out of the figures and of precision and recall, and are wrong
-    in `accuracy`.
+    gallery have nothing to retrieve. They are left out of the metrics and of precision over recall, and count as
+    wrong in `accuracy`.
 
     Parameters
     ----------
     distances : (q, n) float64 or float32
-        Row i: from query i to the gallery.
+        Row i has the distances from query i to the gallery.
     query_labels, gallery_labels : sequences of q and n str
     own : (q,) int64, optional
-        Leave-one-out: row of the gallery that is the query itself. It is left out; its distance is not looked at.
-        By default no query is in the gallery.
+        For leave-one-out, the row of the gallery that is each query itself. This row is left out and its distance
+        ignored. By default no query is in the gallery.
     unanswered : sequence of str
-        Classes of further queries, that have no signature: they count as wrong answers.
+        Classes of further queries without a signature, which count as wrong.
 
     Raises
     ------
     ParameterError
-        If sizes do not fit, a distance is NaN, there is no query or no gallery; UnsuitedError, with `own`, if no
-        class has two members, for then there is nothing to retrieve.
+        If sizes do not match, a distance is NaN, there is no query or no gallery; UnsuitedError, with `own`, if no
+        class has two members, because then there is nothing to retrieve.
 
     References
     ----------
     Shilane, Min, Kazhdan, Funkhouser: The Princeton Shape Benchmark. Shape Modeling International 2004, section 4.2.
     """
     labels = tuple(sorted({*query_labels, *gallery_labels, *unanswered}))
-    places = {label: place for place, label in enumerate(labels)}
+    code_of = {label: code for code, label in enumerate(labels)}
     queries, gallery, failed = (
-        np.array([places[label] for label in some], np.int32) for some in (query_labels, gallery_labels, unanswered)
+        np.array([code_of[label] for label in some], np.int32) for some in (query_labels, gallery_labels, unanswered)
     )
     _check(distances, (queries, gallery, failed), own)
     scores = score(distances, queries, gallery, own)
-    found = gallery[scores.nearest]
+    nearest_classes = gallery[scores.nearest]
     return Evaluation(
-        figures=RetrievalFigures.mean(scores.figures),
-        accuracy=float((found == queries).sum() / (len(queries) + len(failed))),
+        metrics=RetrievalMetrics.mean(scores.metrics),
+        accuracy=float((nearest_classes == queries).sum() / (len(queries) + len(failed))),
         queries=len(queries) + len(failed),
         unanswered=len(failed),
         precision_recall=PrecisionRecall.mean(scores.precision),
-        classes=_class_figures(scores, labels, (queries, gallery, failed)),
+        classes=_class_metrics(scores, labels, (queries, gallery, failed)),
         labels=labels,
         query_classes=frozen(queries, np.int32),
-        nearest_classes=frozen(found, np.int32),
+        nearest_classes=frozen(nearest_classes, np.int32),
         nearest=frozen(scores.nearest, np.int64),
         nearest_distances=frozen(distances[np.arange(len(queries)), scores.nearest], np.float64),
     )
 
 
-def leave_one_out(distances: Floats | Singles, labels: Sequence[str]) -> RetrievalFigures:
-    """Rank all other shapes for each shape and average the figures.
-
-    Parameters
-    ----------
-    distances : (n, n) float64 or float32
-        Row i: from query i. The diagonal is not looked at.
-    labels : sequence of n str
-
-    Raises
-    ------
-    ParameterError
-        If sizes do not fit, or a distance is NaN; UnsuitedError if no class has two members, for then there is
-        nothing to retrieve.
-    """
-    evaluation = evaluate(distances, labels, labels, own=np.arange(len(labels)))
-    return cast("RetrievalFigures", evaluation.figures)  # there are some, or `evaluate` had refused
-
-
-def _class_figures(
+def _class_metrics(
     scores: Scores, labels: tuple[str, ...], codes: tuple[Codes, Codes, Codes]
-) -> tuple[ClassFigures, ...]:
+) -> tuple[ClassMetrics, ...]:
     queries, gallery, failed = codes
     right = queries[gallery[scores.nearest] == queries]
     answered, members, unanswered, correct = (
         np.bincount(some, minlength=len(labels)).tolist() for some in (queries, gallery, failed, right)
     )
     return tuple(
-        ClassFigures(
+        ClassMetrics(
             label=label,
             queries=answered[code] + unanswered[code],
             members=members[code],
             accuracy=correct[code] / (answered[code] + unanswered[code]),
-            figures=RetrievalFigures.mean(scores.figures[queries == code]),
+            metrics=RetrievalMetrics.mean(scores.metrics[queries == code]),
         )
         for code, label in enumerate(labels)
         if answered[code] + unanswered[code]
@@ -218,5 +201,5 @@ def _check_own(own: Indices, queries: Codes, gallery: Codes) -> None:
         raise UnsuitedError("no class has two members: there is nothing to retrieve")
 
 
-def _figures_as_dict(figures: RetrievalFigures | None) -> dict[str, float | None]:
-    return asdict(figures) if figures else dict.fromkeys(field.name for field in fields(RetrievalFigures))
+def _metrics_as_dict(metrics: RetrievalMetrics | None) -> dict[str, float | None]:
+    return asdict(metrics) if metrics else dict.fromkeys(field.name for field in fields(RetrievalMetrics))

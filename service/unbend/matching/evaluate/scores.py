@@ -1,4 +1,4 @@
-"""The figures of each single query: all follow from the places of its class' members in its ranking."""
+"""The metrics of each single query: all follow from the ranks of the members of its class."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ import numpy as np
 
 from unbend.arrays import Codes, Floats, Indices, Singles
 from unbend.errors import ParameterError
-from unbend.matching.evaluate.curves import LEVELS, rank_precision
-from unbend.matching.evaluate.figures import RetrievalFigures, rank_figures
+from unbend.matching.evaluate.metrics import RECALL_LEVELS, RetrievalMetrics, rank_metrics, rank_precision
 
-_BLOCK: Final = 1 << 20  # distances sorted at a time: some megabytes
+_BLOCK: Final = 1 << 20  # distances that are sorted at a time: some megabytes
 
 
 @dataclass(frozen=True)
 class Scores:
-    """A row for each query; NaN where its class has no member that it could find."""
+    """A row for each query; NaN if the gallery has no other member of its class."""
 
-    figures: Floats
-    """(q, 6), in the order of `RetrievalFigures`' fields."""
+    metrics: Floats
+    """(q, 6), in the order of the fields of `RetrievalMetrics`."""
     precision: Floats
-    """(q, LEVELS)."""
+    """(q, RECALL_LEVELS)."""
     nearest: Indices
-    """Row of the gallery, (q,)."""
+    """The nearest row of the gallery, (q,)."""
 
 
 def score(distances: Floats | Singles, queries: Codes, gallery: Codes, own: Indices | None) -> Scores:
@@ -37,29 +36,29 @@ def score(distances: Floats | Singles, queries: Codes, gallery: Codes, own: Indi
     queries, gallery : (q,) and (n,) int32
         Classes.
     own : (q,) int64, optional
-        Row of the gallery that is the query itself, and of its class; it is left out.
+        Row of the gallery that is the query itself; it is left out.
 
     Raises
     ------
     ParameterError
         If a distance is NaN.
     """
-    figures = np.full((len(queries), len(RetrievalFigures.__dataclass_fields__)), np.nan)
-    precision = np.full((len(queries), LEVELS), np.nan)
+    metrics = np.full((len(queries), len(RetrievalMetrics.__dataclass_fields__)), np.nan)
+    precision = np.full((len(queries), RECALL_LEVELS), np.nan)
     nearest = np.empty(len(queries), np.int64)
     for rows in _blocks(queries, max(1, _BLOCK // len(gallery))):
         order = _order(distances, rows, own)
         nearest[rows] = order[:, 0]
         relevant = gallery[order] == queries[rows[0]]
-        # all of a block are of one class, so each finds as many members
+        # A block has queries of one class, so all have the same number of relevant shapes.
         ranks = np.nonzero(relevant)[1].reshape(len(rows), -1) + 1
         if ranks.size:
-            figures[rows], precision[rows] = rank_figures(ranks), rank_precision(ranks)
-    return Scores(figures, precision, nearest)
+            metrics[rows], precision[rows] = rank_metrics(ranks), rank_precision(ranks)
+    return Scores(metrics, precision, nearest)
 
 
 def _blocks(codes: Codes, length: int) -> Iterator[Indices]:
-    """Yield rows of one class, at most `length` at a time."""
+    """Yield blocks of at most `length` rows of the same class."""
     by_class = np.argsort(codes, kind="stable")
     starts = np.flatnonzero(np.diff(codes[by_class])) + 1
     for rows in np.split(by_class, starts):
@@ -68,16 +67,16 @@ def _blocks(codes: Codes, length: int) -> Iterator[Indices]:
 
 
 def _order(distances: Floats | Singles, rows: Indices, own: Indices | None) -> Indices:
-    """Return the gallery's rows without a query's own, nearest first, equally near ones in their order."""
+    """Return the rows of the gallery without the query's own, nearest first; ties keep their order."""
     block = distances[rows]
     if own is not None:
         others = np.arange(block.shape[1]) != own[rows, None]
         block = block[others].reshape(len(rows), -1)
     order = np.argsort(block, axis=1)
     ordered = np.take_along_axis(block, order, axis=1)
-    if np.isnan(ordered[:, -1]).any():  # NaN is sorted behind all numbers
+    if np.isnan(ordered[:, -1]).any():  # NaN sorts last
         raise ParameterError(f"a distance of query {rows[np.isnan(ordered[:, -1])][0]} is not a number")
-    # The quick sort is several times as fast as the stable one, which is needed only where distances are equal.
+    # The default sort is several times as fast as the stable one, which only ties need.
     tied = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     if tied.any():
         order[tied] = np.argsort(block[tied], axis=1, kind="stable")

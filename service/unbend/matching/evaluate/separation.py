@@ -1,4 +1,4 @@
-"""How far classes are apart: in a measure (Fig. 8), and over the number of dimensions (Fig. 5)."""
+"""Separation of classes: under a measure (Fig. 8), and over the number of dimensions (Fig. 5)."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from unbend.arrays import Floats
 
 @dataclass(frozen=True)
 class Clusters:
-    """How far a measure keeps the classes apart: Fig. 8 as numbers."""
+    """Separation of classes under a measure: Fig. 8 as numbers."""
 
     nearest: float | None
-    """How often the nearest other shape is of the same class, of the shapes whose class has another member."""
+    """The share of shapes whose nearest other shape belongs to their class, of those whose class has another member."""
     ratio: float | None
-    """Mean distance between classes over that within: None without either, or where that within is 0."""
+    """The mean distance between classes over that within classes. None if either is missing or the latter is 0."""
 
 
 def clusters(distances: Floats, labels: Sequence[str]) -> Clusters:
-    """Return how far classes are apart under `distances` (n, n) between shapes of the classes `labels`."""
+    """Return the separation under `distances` (n, n) between shapes of the classes `labels`."""
     names = np.array(labels)
     same, other = names[:, None] == names, ~np.eye(len(names), dtype=bool)
     within, between = distances[same & other], distances[~same]
-    asked = (same & other).any(axis=1)
+    has_partner = (same & other).any(axis=1)
     nearest = np.where(other, distances, np.inf).argmin(axis=1) if len(names) > 1 else np.zeros(len(names), np.int64)
     return Clusters(
-        nearest=float((names[nearest] == names)[asked].mean()) if asked.any() else None,
+        nearest=float((names[nearest] == names)[has_partner].mean()) if has_partner.any() else None,
         ratio=float(between.mean() / within.mean()) if len(between) and len(within) and within.any() else None,
     )
 
 
 @dataclass(frozen=True)
 class Separation:
-    """How far pairs of classes are apart over the number of dimensions, 1 first: Fig. 5."""
+    """Separation of pairs of classes in 1, 2, ... dimensions: Fig. 5."""
 
     pairs: Sequence[tuple[str, str]]
-    """Of classes of two members or more."""
+    """Pairs of classes with at least two members each."""
     ratios: Mapping[str, Sequence[Sequence[float]]]
-    """By method: for each number of dimensions the log ratio of each pair."""
+    """The log ratio of each pair, for each method and number of dimensions."""
 
     @property
     def medians(self) -> dict[str, list[float]]:
-        """The median over the pairs, by method: one number for each number of dimensions."""
+        """The median over the pairs, for each method and number of dimensions."""
         return {method: [float(np.median(row)) for row in rows] for method, rows in self.ratios.items()}
 
     def as_dict(self) -> dict[str, Any]:
@@ -55,14 +55,14 @@ class Separation:
 
 
 def separation(vectors: Mapping[str, Floats], labels: Sequence[str]) -> Separation:
-    """Return how far classes are apart over the number of dimensions.
+    """Return the separation of classes over the number of dimensions.
 
     Parameters
     ----------
     vectors : mapping of str to (n, m, d) float64
-        By method: for each shape, in 1 to m dimensions, the vector that stands for it.
+        For each method: the vectors of the n shapes in 1 to m dimensions.
     labels : sequence of str, (n,)
-        Classes; those of a single shape are left out, for they have no variance.
+        Classes; those of a single shape are left out, because they have no variance.
 
     Returns
     -------
@@ -74,14 +74,16 @@ def separation(vectors: Mapping[str, Floats], labels: Sequence[str]) -> Separati
     members = {label: names == label for label in dict.fromkeys(labels)}
     pairs = [pair for pair in combinations(members, 2) if all(members[label].sum() > 1 for label in pair)]
     ratios = {
-        method: [[log_ratio(*(row[members[label]] for label in pair)) for pair in pairs] for row in of.swapaxes(0, 1)]
-        for method, of in vectors.items()
+        method: [
+            [log_ratio(*(rows[members[label]] for label in pair)) for pair in pairs] for rows in stacked.swapaxes(0, 1)
+        ]
+        for method, stacked in vectors.items()
     }
     return Separation(pairs, ratios)
 
 
 def log_ratio(a: Floats, b: Floats) -> float:
     """Return the log ratio of two classes of vectors, (n, d) and (k, d)."""
-    apart = ((a.mean(axis=0) - b.mean(axis=0)) ** 2).sum()
-    spread = sum(((of - of.mean(axis=0)) ** 2).sum(axis=1).mean() for of in (a, b))
-    return float(np.log(max(apart, np.finfo(float).tiny) / max(spread, 1e-12 * apart, np.finfo(float).tiny)))
+    between = ((a.mean(axis=0) - b.mean(axis=0)) ** 2).sum()
+    variance = sum(((rows - rows.mean(axis=0)) ** 2).sum(axis=1).mean() for rows in (a, b))
+    return float(np.log(max(between, np.finfo(float).tiny) / max(variance, 1e-12 * between, np.finfo(float).tiny)))

@@ -1,4 +1,4 @@
-"""How far two signatures are apart: a module for each measure, behind one protocol."""
+"""Distances between signatures: `vectors` and `pairs` define the measures, `registry` lists them."""
 
 from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
 from unbend.matching.measures.registry import (

@@ -1,6 +1,6 @@
-"""Kernels of the iterative closest point method (Besl & McKay 1992), both ways at once and with reflections.
+"""Kernels of the iterative closest point method (Besl & McKay 1992), symmetric and with reflections.
 
-A motion x -> R x + t is an array (m, m + 1): R, orthogonal, of either handedness, and t in the last column.
+A motion x -> R x + t is an array (m, m + 1): R is orthogonal and may be a reflection; t is the last column.
 """
 
 from __future__ import annotations
@@ -11,42 +11,43 @@ import numpy as np
 
 from unbend.jit import kernel
 
-LEAST_AXES: Final = 3
-"""The fewest coordinates that points may have here."""
+MIN_AXES: Final = 3
+"""The fewest coordinates that points may have; pad with zeros."""
 
-_DECREASE: Final = 1e-3
-"""The search stops when a step lowers the cost by less than this share of it."""
+_TOLERANCE: Final = 1e-3
+"""Iterations stop when a step lowers the cost by less than this share of it."""
 
 
 @kernel
-def refine(motions, steps, a, some_a, shares_a, b, some_b, shares_b):
+def refine(motions, steps, a, rows_a, weights_a, b, rows_b, weights_b):
     """Improve each of `motions` (n, m, m + 1) of form `a` onto form `b`, in place, and return their costs, (n,).
 
-    A step pairs nearest points both ways, then moves all pairs at once as near as they come; neither half raises the
-    cost: the weighted mean squared distance from points to the nearest of the other form, summed over both
-    directions. The last of `steps` only pairs, so a single one tells the cost of the motion as it is.
+    The cost is the weighted mean squared distance from points to the nearest point of the other form, summed over
+    both directions. A step pairs nearest points in both directions, then finds the motion of least cost for these
+    pairs. Neither half raises the cost. The last of `steps` only pairs, so one step returns the cost of the motion
+    as it is.
 
-    Forms are (k, m), centred. Which of their points look for a partner, and with which weights, of sum 1, say the
-    indices `some_a`, `some_b` (n,) and `shares_a`, `shares_b` (n,).
+    Forms are (k, m), centred. The indices `rows_a`, `rows_b` (n,) choose the points that are paired with their
+    nearest, and `weights_a`, `weights_b` (n,), of sum 1, weight them.
     """
     single_a, single_b = _axis_by_axis(a), _axis_by_axis(b)
     costs = np.empty(len(motions))
     for i in range(len(motions)):
-        costs[i] = _icp(motions[i], steps, a, single_a, some_a, shares_a, b, single_b, some_b, shares_b)
+        costs[i] = _icp(motions[i], steps, a, single_a, rows_a, weights_a, b, single_b, rows_b, weights_b)
     return costs
 
 
 @kernel
 def residuals(motion, a, b):
-    """Return how far each point of `a`, moved, is from the nearest of `b`, (k_a,), and the other way round, (k_b,)."""
+    """Return the distance from each moved point of `a` to the nearest of `b`, (k_a,), and the reverse, (k_b,)."""
     return _distances(motion, a, b), _distances(_inverse(motion), b, a)
 
 
 @kernel
-def spread_out(points, start, count):
-    """Return `count` points, from `start` on each the farthest from those before, (count,).
+def farthest_points(points, start, count):
+    """Sample `count` points: `start`, then always the point that is farthest from those before it.
 
-    With it, (k,), which of them is nearest to each point. The nearest is told by its place among those returned.
+    Returns the indices of the sample, (count,), and for each point the place in the sample of the nearest, (k,).
     """
     chosen, nearest = np.zeros(count, np.int32), np.zeros(len(points), np.int32)
     least = np.full(len(points), np.inf)
@@ -65,24 +66,24 @@ def spread_out(points, start, count):
 
 
 @kernel
-def _icp(motion, steps, a, single_a, some_a, shares_a, b, single_b, some_b, shares_b):
+def _icp(motion, steps, a, single_a, rows_a, weights_a, b, single_b, rows_b, weights_b):
     before = np.inf
     for step in range(steps):
-        to_b = _nearest(_moved(motion, a, some_a), single_b)
-        to_a = _nearest(_moved(_inverse(motion), b, some_b), single_a)
+        to_b = _nearest(_moved(motion, a, rows_a), single_b)
+        to_a = _nearest(_moved(_inverse(motion), b, rows_b), single_a)
         sums = np.zeros((a.shape[1] + 1, a.shape[1] + 1))
-        cost = _add_pairs(sums, motion, a, some_a, b, to_b, shares_a)
-        cost += _add_pairs(sums, motion, a, to_a, b, some_b, shares_b)
-        if step == steps - 1 or cost == 0.0 or cost >= (1.0 - _DECREASE) * before:
+        cost = _add_pairs(sums, motion, a, rows_a, b, to_b, weights_a)
+        cost += _add_pairs(sums, motion, a, to_a, b, rows_b, weights_b)
+        if step == steps - 1 or cost == 0.0 or cost >= (1.0 - _TOLERANCE) * before:
             return cost
         before = cost
-        _move_onto(motion, sums)
+        _fit_motion(motion, sums)
     return before
 
 
 @kernel
 def _axis_by_axis(points):
-    """Return the points (k, m) as (m, k), in single precision: all that finding the nearest needs."""
+    """Return the points (k, m) as (m, k) in single precision, which suffices for finding the nearest."""
     turned = np.empty((points.shape[1], points.shape[0]), np.float32)
     for i in range(points.shape[0]):
         for axis in range(points.shape[1]):
@@ -91,15 +92,15 @@ def _axis_by_axis(points):
 
 
 @kernel
-def _moved(motion, points, some):
-    """Return R x + t of `some` (n,) of the points (k, m), as (m, n), in single precision."""
+def _moved(motion, points, rows):
+    """Return R x + t for the `rows` (n,) of the points (k, m), as (m, n), in single precision."""
     axes = points.shape[1]
-    moved = np.empty((axes, len(some)), np.float32)
-    for i in range(len(some)):
+    moved = np.empty((axes, len(rows)), np.float32)
+    for i in range(len(rows)):
         for row in range(axes):
             value = motion[row, axes]
             for axis in range(axes):
-                value += motion[row, axis] * points[some[i], axis]
+                value += motion[row, axis] * points[rows[i], axis]
             moved[row, i] = value
     return moved
 
@@ -120,19 +121,20 @@ def _inverse(motion):
 
 @kernel
 def _nearest(queries, points):
-    """Return the nearest of `points` (m, k) to each of `queries` (m, n); of equally near ones the first.
+    """Return the nearest of `points` (m, k) to each of `queries` (m, n); ties go to the first.
 
-    One point after the other is held against all queries: the inner loops are vector instructions, and for some
-    hundred points that is faster than a search tree. The first three coordinates, mostly all, are taken at once.
+    The outer loop runs over points, so that the inner loops over queries compile to vector instructions. For some
+    hundred points that is faster than a search tree. One loop handles the first three coordinates, which are mostly
+    all there are.
     """
     count = queries.shape[1]
     x, y, z = queries[0], queries[1], queries[2]
     found, least = np.zeros(count, np.int32), np.full(count, np.inf, np.float32)
     further = np.zeros(count, np.float32)
     for point in range(points.shape[1]):
-        if len(points) > LEAST_AXES:
+        if len(points) > MIN_AXES:
             further[:] = 0
-        for axis in range(LEAST_AXES, len(points)):
+        for axis in range(MIN_AXES, len(points)):
             row, place = queries[axis], points[axis, point]
             for i in range(count):
                 further[i] += (row[i] - place) * (row[i] - place)
@@ -147,7 +149,7 @@ def _nearest(queries, points):
 
 @kernel
 def _distances(motion, points, others):
-    """Return how far `points`, moved, are from the nearest of `others`, which is found in single precision, (k,)."""
+    """Return the distances from the moved `points` to the nearest of `others`, found in single precision, (k,)."""
     axes = points.shape[1]
     found = _nearest(_moved(motion, points, np.arange(len(points))), _axis_by_axis(others))
     distances = np.empty(len(points))
@@ -163,12 +165,12 @@ def _distances(motion, points, others):
 
 
 @kernel
-def _add_pairs(sums, motion, a, some_a, b, some_b, weights):
+def _add_pairs(sums, motion, a, rows_a, b, rows_b, weights):
     """Add w [y; 1] [x; 1]^T of pairs (x of `a`, y of `b`) to `sums`; return the sum of w |R x + t - y|^2."""
     axes = a.shape[1]
     cost = 0.0
     for pair in range(len(weights)):
-        weight, i, j = weights[pair], some_a[pair], some_b[pair]
+        weight, i, j = weights[pair], rows_a[pair], rows_b[pair]
         for row in range(axes):
             y = b[j, row]
             miss = motion[row, axes] - y
@@ -183,11 +185,11 @@ def _add_pairs(sums, motion, a, some_a, b, some_b, weights):
 
 
 @kernel
-def _move_onto(motion, sums):
-    """Make `motion` the one that brings the pairs behind `sums` nearest (Kabsch 1976; Umeyama 1991).
+def _fit_motion(motion, sums):
+    """Set `motion` to the least squares motion of the pairs summed in `sums` (Kabsch 1976; Umeyama 1991).
 
-    With H = U S V^T the covariance of y and x, R = U V^T maximises tr(R^T H) over all orthogonal matrices. No look
-    at its determinant: reflections are allowed.
+    With H = U S V^T the covariance of y and x, R = U V^T maximises tr(R^T H) over all orthogonal matrices. Its
+    determinant is not checked, because reflections are allowed.
     """
     axes = len(motion)
     total = sums[axes, axes]

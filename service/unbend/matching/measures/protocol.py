@@ -1,4 +1,7 @@
-"""What a measure is. All are symmetric, zero between equal signatures, and depend on nothing but the two."""
+"""The types of measures.
+
+Every measure is symmetric, zero between equal signatures, and depends only on the two signatures.
+"""
 
 from __future__ import annotations
 
@@ -18,46 +21,27 @@ class Measure(Protocol):
 
     @property
     def name(self) -> str:
-        """What callers choose it by."""
-
-    @property
-    def invariances(self) -> tuple[str, ...]:
-        """What a shape may undergo without a change but for sampling."""
-
-    @property
-    def cost(self) -> str:
-        """What a comparison takes."""
-
-    @property
-    def reference(self) -> str:
-        """Where it comes from."""
+        """The name by which callers choose the measure."""
 
     def distance(self, a: Signature, b: Signature) -> float:
-        """Return how far `a` and `b` are apart."""
+        """Return the distance between `a` and `b`."""
 
 
 @dataclass(frozen=True)
 class VectorMeasure:
     """A distance between vectors that signatures carry: the sum of absolute differences (L1).
 
-    L1 is less swayed by a single large difference than L2. Several descriptors with fixed weights are one vector,
-    for the sum of their weighted distances is the distance between their weighted vectors. Vectors are of single
-    precision, so that a million of them can be searched in memory; geodesic distances are no more precise.
+    A single large difference affects L1 less than L2. Several descriptors with fixed weights make one vector,
+    because the sum of their weighted distances is the distance between their weighted vectors. Vectors have single
+    precision, so that a million of them fit in memory; geodesic distances are no more precise than that.
     """
 
     name: str
-    invariances: tuple[str, ...]
-    reference: str
     parts: tuple[tuple[str, float], ...]
-    """Names of the descriptors that make the vector, and the weight of each."""
-
-    @property
-    def cost(self) -> str:
-        """What a comparison takes."""
-        return "one pass over two vectors"
+    """The descriptors that make up the vector: the name and weight of each."""
 
     def vector(self, descriptors: Mapping[str, Floats]) -> Singles:
-        """Return the vector that stands for a signature with these descriptors, (d,)."""
+        """Return the vector, (d,), of a signature with these descriptors."""
         return np.concatenate([weight * descriptors[part] for part, weight in self.parts]).astype(np.float32)
 
     def distances(self, query: Singles, gallery: Singles) -> Floats:
@@ -66,23 +50,23 @@ class VectorMeasure:
 
     def between(self, queries: Singles, gallery: Singles) -> Floats:
         """Return the distance from each row of `queries` (q, d) to each of `gallery` (n, d), as (q, n)."""
-        found = np.empty((len(queries), len(gallery)))
+        distances = np.empty((len(queries), len(gallery)))
         for row, query in enumerate(queries):
-            found[row] = self.distances(query, gallery)
-        return found
+            distances[row] = self.distances(query, gallery)
+        return distances
 
     def matrix(self, vectors: Singles) -> Floats:
         """Return all distances between the rows of `vectors` (n, d), as (n, n)."""
         return self.between(vectors, vectors)
 
     def distance(self, a: Signature, b: Signature) -> float:
-        """Return how far `a` and `b` are apart."""
+        """Return the distance between `a` and `b`."""
         return float(self.distances(self.vector(a.descriptors), self.vector(b.descriptors)[None])[0])
 
 
 @dataclass(frozen=True)
 class SquaredMeasure(VectorMeasure):
-    """The sum of squared differences of the same vectors: the paper's D_M, where these are moments (section 2.3)."""
+    """The sum of squared differences of a measure's vectors: for moments, the paper's D_M (section 2.3)."""
 
     def distances(self, query: Singles, gallery: Singles) -> Floats:
         """Return the squared L2 distance from `query` (d,) to each row of `gallery` (n, d), as (n,)."""
@@ -91,16 +75,16 @@ class SquaredMeasure(VectorMeasure):
 
 
 def squared(measure: VectorMeasure) -> SquaredMeasure:
-    """Return the measure that adds up squared differences where `measure` adds up absolute ones."""
-    return SquaredMeasure(measure.name, measure.invariances, measure.reference, measure.parts)
+    """Return `measure` with squared differences instead of absolute ones."""
+    return SquaredMeasure(measure.name, measure.parts)
 
 
 @dataclass(frozen=True)
 class PairMeasure:
-    """A distance that needs both signatures whole. Too dear for all of a library: it orders a short list anew."""
+    """A distance that needs both whole signatures.
+
+    It is too expensive for a whole library, so it only reranks a short list.
+    """
 
     name: str
-    invariances: tuple[str, ...]
-    reference: str
-    cost: str
     distance: Callable[[Signature, Signature], float]

@@ -1,4 +1,4 @@
-"""Matching of Reeb graphs, from coarse to fine."""
+"""Coarse-to-fine matching of Reeb graphs (Hilaga et al. 2001)."""
 
 from __future__ import annotations
 
@@ -10,74 +10,67 @@ from scipy.optimize import linear_sum_assignment
 
 from unbend.arrays import Floats
 from unbend.descriptors.reeb import LEVELS, ReebGraph
-from unbend.matching.measures.protocol import PairMeasure
 from unbend.signature.signature import Signature
 
-_AREA: Final = 0.5
-"""Weight of areas beside lengths: Hilaga et al., section 4."""
+_AREA_WEIGHT: Final = 0.5
+"""Weight of areas; lengths have the rest (Hilaga et al., section 4)."""
 
 
 @dataclass(frozen=True)
-class _Part:
-    """A part at one resolution, and what it falls into at the next."""
+class _Node:
+    """A part of the surface at one resolution, and its parts at the next finer one."""
 
     interval: int
     area: float
     """Share of the surface, over the number of resolutions."""
     length: float
-    """Share of the lengths of all parts of this resolution, over the number of resolutions."""
-    parts: tuple[_Part, ...]
+    """Share of the lengths of all nodes of this resolution, over the number of resolutions."""
+    children: tuple[_Node, ...]
 
 
 def reeb_distance(a: Signature, b: Signature) -> float:
     """Return 1 minus the similarity of two Reeb graphs, 0 to 1.
 
-    Parts are matched from the whole surface on: parts of matched parts, in the same interval, each with at most one.
-    A pair adds the smaller of both areas and of both lengths (Hilaga et al., eq. 7). Where they choose pairs greedily,
-    this takes the pairs that give the greatest similarity, which is defined whatever the order of parts.
+    Nodes are matched from the coarsest resolution to the finest. Children of matched nodes may match if they are in
+    the same interval, each with at most one other. A pair adds the smaller of both areas and of both lengths
+    (Hilaga et al., eq. 7). Hilaga et al. choose pairs greedily; here the assignment with the greatest similarity is
+    taken, which does not depend on the order of the nodes.
     """
-    return max(0.0, 1.0 - _similarity(_whole(a), _whole(b)))
+    return max(0.0, 1.0 - _similarity(_tree(a), _tree(b)))
 
 
-def _whole(signature: Signature) -> _Part:
+def _tree(signature: Signature) -> _Node:
+    """Return a root whose children are the nodes of the coarsest resolution."""
     graph = ReebGraph.unpack(signature.descriptors["reeb"])
-    below: list[list[_Part]] = [[] for _ in graph.intervals]
+    children: list[list[_Node]] = [[] for _ in graph.intervals]
     for level in range(LEVELS):
         lengths = graph.highs - graph.lows
         lengths = lengths / lengths.sum() if lengths.any() else graph.areas
-        parts = [
-            _Part(int(interval), area / LEVELS, length / LEVELS, tuple(of))
-            for interval, area, length, of in zip(graph.intervals, graph.areas, lengths, below, strict=True)
+        nodes = [
+            _Node(int(interval), area / LEVELS, length / LEVELS, tuple(finer))
+            for interval, area, length, finer in zip(graph.intervals, graph.areas, lengths, children, strict=True)
         ]
         if level == LEVELS - 1:
             break
-        graph, within = graph.coarser()
-        below = [[] for _ in graph.intervals]
-        for part, place in zip(parts, within, strict=True):
-            below[place].append(part)
-    return _Part(0, 0.0, 0.0, tuple(parts))
+        graph, parents = graph.coarser()
+        children = [[] for _ in graph.intervals]
+        for node, parent in zip(nodes, parents, strict=True):
+            children[parent].append(node)
+    return _Node(0, 0.0, 0.0, tuple(nodes))
 
 
-def _similarity(one: _Part, other: _Part) -> float:
-    """Return the greatest similarity of two parts and of what they fall into."""
-    own = _AREA * min(one.area, other.area) + (1.0 - _AREA) * min(one.length, other.length)
+def _similarity(a: _Node, b: _Node) -> float:
+    """Return the greatest similarity of two matched nodes and their descendants."""
+    own = _AREA_WEIGHT * min(a.area, b.area) + (1.0 - _AREA_WEIGHT) * min(a.length, b.length)
     return own + sum(
-        _best_pairs([part for part in one.parts if part.interval == interval],
-                    [part for part in other.parts if part.interval == interval])
-        for interval in sorted({part.interval for part in one.parts} & {part.interval for part in other.parts})
+        _best_assignment([child for child in a.children if child.interval == interval],
+                         [child for child in b.children if child.interval == interval])
+        for interval in sorted({child.interval for child in a.children} & {child.interval for child in b.children})
     )  # fmt: skip
 
 
-def _best_pairs(some: list[_Part], others: list[_Part]) -> float:
-    similarities: Floats = np.array([[_similarity(one, other) for other in others] for one in some])
+def _best_assignment(some: list[_Node], others: list[_Node]) -> float:
+    similarities: Floats = np.array([[_similarity(a, b) for b in others] for a in some])
     rows, columns = linear_sum_assignment(similarities, maximize=True)
+    # Sorted, so that the sum does not depend on the order of the nodes.
     return float(np.sort(similarities[rows, columns]).sum())
-
-
-REEB: Final = PairMeasure(
-    name="reeb",
-    invariances=("bending", "rotation", "reflection", "scale"),
-    reference="Hilaga et al. 2001: Reeb graphs of the mean geodesic distance, of parts in 1, 2, 4 and 8 intervals",
-    cost="a millisecond: an assignment of parts",
-    distance=reeb_distance,
-)

@@ -6,16 +6,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from unbend.errors import ParameterError
-from unbend.matching.measures.combined import COMBINED
-from unbend.matching.measures.dimension import DIMENSION
-from unbend.matching.measures.distribution import DISTRIBUTION
-from unbend.matching.measures.hausdorff import HAUSDORFF, MAX_HAUSDORFF
-from unbend.matching.measures.moments import MOMENTS, SURFACE_MOMENTS
+from unbend.errors import ParameterError, check_choice
+from unbend.matching.measures.pairs import HAUSDORFF, MAX_HAUSDORFF, REEB, RIGID
 from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
-from unbend.matching.measures.reeb import REEB
-from unbend.matching.measures.rigid import RIGID
-from unbend.matching.measures.spectrum import SPECTRUM
+from unbend.matching.measures.vectors import COMBINED, DIMENSION, DISTRIBUTION, MOMENTS, SPECTRUM, SURFACE_MOMENTS
 from unbend.signature.signature import Signature
 
 VECTOR_MEASURES: Final[Mapping[str, VectorMeasure]] = MappingProxyType(
@@ -32,26 +26,24 @@ DEFAULT_MEASURE: Final = SPECTRUM.name
 
 
 def get_measure(name: str) -> Measure:
-    """Return the measure called `name`; ParameterError lists the known ones."""
-    if name not in MEASURES:
-        raise ParameterError(f"measure must be one of {', '.join(MEASURES)}, not {name!r}")
+    """Return the measure called `name`; if there is none, ParameterError lists the names."""
+    check_choice("measure", name, MEASURES)
     return MEASURES[name]
 
 
 def get_vector_measure(name: str) -> VectorMeasure:
-    """Return the measure called `name` if it compares vectors; ParameterError lists those that do."""
-    if name not in VECTOR_MEASURES:
-        raise ParameterError(f"measure must be one of {', '.join(VECTOR_MEASURES)}, not {name!r}")
+    """Return the vector measure called `name`; if there is none, ParameterError lists the names."""
+    check_choice("measure", name, VECTOR_MEASURES)
     return VECTOR_MEASURES[name]
 
 
 def compare(a: Signature, b: Signature, measure: str = DEFAULT_MEASURE) -> float:
-    """Distance between two signatures under `measure`: 0 for the same one.
+    """Return the distance between two signatures under `measure`: 0 between equal ones.
 
     Raises
     ------
     ParameterError
-        If there is no such measure, or the signatures were made with different parameters.
+        If there is no such measure, or the signatures were made with different parameters or versions.
     """
     chosen = get_measure(measure)
     check_comparable(a, b)

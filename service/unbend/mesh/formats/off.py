@@ -51,12 +51,12 @@ class _Key:
 
     @property
     def coordinates(self) -> int:
-        """How many numbers give a vertex its place; a fourth divides the other three."""
+        """Number of coordinates of a vertex; a fourth divides the other three."""
         return 4 if b"4" in self.prefix else 3
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """How many numbers a vertex may have; a colour has three or four."""
+        """Possible numbers of a vertex; a colour has three or four."""
         least = self.coordinates + 3 * (b"N" in self.prefix) + 2 * (b"ST" in self.prefix)
         return (least + 4, least + 3) if b"C" in self.prefix else (least,)
 

@@ -1,4 +1,4 @@
-"""The formats, in the order in which their contents are tested: the most certain test comes first."""
+"""The readers and writers of formats, in the order of their content tests: the most certain test comes first."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Table:
 
     @property
     def starts(self) -> Indices:
-        """Where in `values` each line begins, (lines,)."""
+        """The start of each line in `values`, (lines,)."""
         return firsts_of(self.widths)
 
 

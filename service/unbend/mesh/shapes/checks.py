@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 
 
 def between(name: str, value: float, low: float, high: float) -> float:
@@ -30,6 +30,5 @@ def at_least(name: str, value: int, least: int, most: int = 1_000_000) -> int:
 
 def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
     """Return `value` if it is one of `choices`."""
-    if value not in choices:
-        raise ParameterError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+    check_choice(name, value, choices)
     return value

@@ -1,4 +1,4 @@
-"""Reading policies: what is stored so far was read with the default one."""
+"""Reading policies: earlier shapes were read with the default policy."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -13,7 +13,7 @@ OLD_KEY = ["mesh_sha256", "parameters", "version"]
 NEW_KEY = ["mesh_sha256", "parameters", "policy", "version"]
 OLD_COMMENT = "What was computed: one row for a file, parameters and version of the algorithm."
 NEW_COMMENT = "What was computed: one row for a file, parameters, reading policy and version of the algorithm."
-JOBS = {"sqlite_autoincrement": True}  # SQLite does not tell, so a table made anew would lose it
+JOBS = {"sqlite_autoincrement": True}  # SQLite does not report it, so a recreated table would lose it
 
 
 def upgrade() -> None:

@@ -1,4 +1,4 @@
-"""Revisions of shapes: which one changed or removed each, so that a cache reads only what is new to it."""
+"""Revisions of shapes: the revision that changed or removed each, so that a cache reads only later changes."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -18,7 +18,7 @@ NEW_SHAPES = (
 
 
 def upgrade() -> None:
-    # Not in a batch, which would make the table anew: slow where it is large, and SQLite would forget the last seq.
+    # Not in a batch, which would recreate the table: slow for a large one, and SQLite would lose the last seq.
     op.add_column("shapes", sa.Column("changed", sa.Integer(), nullable=False, server_default="0"))
     op.create_index(op.f("ix_shapes_changed"), "shapes", ["changed"])
     op.create_table(

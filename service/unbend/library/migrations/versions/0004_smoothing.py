@@ -1,4 +1,4 @@
-"""Smoothing: what is stored so far was read without, and its policy says so, for the text is part of the key."""
+"""Smoothing: earlier shapes were read without it. Their policies record that, because the text is part of the key."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 TABLES = [sa.table(name, sa.column("policy", sa.String())) for name in ("signatures", "jobs")]
-END = ',"smooth":0}'  # of canonical JSON, which is in the order of names
+END = ',"smooth":0}'  # canonical JSON is in the order of names
 
 
 def upgrade() -> None:
@@ -19,7 +19,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    # What was smoothed has no policy to go back to, and must not pass for another: its own stays.
+    # A smoothed shape keeps its policy, because no earlier policy describes it.
     for table in TABLES:
         unsmoothed = table.c.policy.endswith(END, autoescape=True)
         op.execute(table.update().where(unsmoothed).values(policy=without_end(table, END) + "}"))

@@ -1,4 +1,4 @@
-"""API keys: a library from before has none, and stays open as it was."""
+"""API keys: an earlier library has none, and stays open."""
 
 import sqlalchemy as sa
 from alembic import op

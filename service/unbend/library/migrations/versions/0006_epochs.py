@@ -1,4 +1,4 @@
-"""Epochs: a restored library says so, for its revisions mean nothing to a cache from before."""
+"""Epochs: a restored library gets a new one, because caches must not compare its revisions with earlier ones."""
 
 import uuid
 

@@ -1,4 +1,4 @@
-"""Seams and warnings: stored meshes were read without stitching, and their policy now says so; they warn of nothing."""
+"""Seams and warnings: earlier meshes were read without stitching, and their policies record that; no warnings."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -14,7 +14,7 @@ BEFORE, KEPT, STITCHED = (f'{text},"smooth":' for text in ("", ',"seams":"keep"'
 
 
 def upgrade() -> None:
-    # stl files share no vertices, so they were welded: stitching comes nearest to that.
+    # stl files share no vertices, so they were welded; stitching is the closest policy.
     told = sa.cast(SIGNATURES.c.report, sa.String()).contains('"file_type": "stl"', autoescape=True)
     for table, welded in ((SIGNATURES, told), (JOBS, JOBS.c.file_type == "stl")):
         op.add_column(table.name, sa.Column("warnings", sa.JSON(), nullable=False, server_default="[]"))
@@ -24,7 +24,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    # A stitched surface has no policy to go back to, and must not pass for another: it keeps its own.
+    # A stitched surface keeps its policy, because no earlier policy describes it.
     for table in (SIGNATURES, JOBS):
         op.execute(table.update().values(policy=sa.func.replace(table.c.policy, KEPT, BEFORE)))
         op.drop_column(table.name, "warnings")

@@ -1,4 +1,4 @@
-"""Promises: answers refer to shapes and classes, ended jobs keep no words, shapes say when they changed, jobs whose."""
+"""History: rankings refer to shapes, ended jobs drop their requests, shapes get a time of change, and jobs an owner."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -62,7 +62,7 @@ def upgrade() -> None:
 
 
 def convert(connection: sa.Connection) -> None:
-    """Have stored answers refer to shapes by their seqs and to classes by their rows in `labels`."""
+    """Replace ids in stored rankings by seqs of shapes and rows of `labels`."""
     seqs = dict(connection.execute(sa.select(SHAPES.c.id, SHAPES.c.seq)).all())
     present = connection.scalars(sa.select(SHAPES.c.label).where(SHAPES.c.label.is_not(None)).distinct()).all()
     labels: dict[str, int] = {}
@@ -91,7 +91,7 @@ def convert(connection: sa.Connection) -> None:
 
 
 def downgrade() -> None:
-    # Answers stay as they are: earlier versions show them without shapes and classes.
+    # Rankings stay unchanged: earlier versions show them without shapes and classes.
     connection = op.get_bind()
     for seq, result in connection.execute(sa.select(JOBS.c.seq, JOBS.c.result)).all():
         if result:

@@ -1,4 +1,4 @@
-"""The effective dimension of each shape, which its descriptor says first; signatures without one have none."""
+"""The effective dimension of each shape: the first value of its descriptor; none for signatures without it."""
 
 import struct
 

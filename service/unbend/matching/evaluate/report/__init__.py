@@ -1,4 +1,4 @@
-"""An evaluation as one page of HTML."""
+"""The report of an evaluation: one page of HTML."""
 
 from unbend.matching.evaluate.report.page import Report, render
 

@@ -1,26 +1,38 @@
-"""The page: a Jinja template filled with values that are ready to be drawn."""
+"""The report as an HTML page, rendered by a Jinja template."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from datetime import date
 from typing import Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from unbend.arrays import Floats
-from unbend.matching.evaluate.evaluation import ClassFigures, Evaluation
-from unbend.matching.evaluate.figures import RetrievalFigures
-from unbend.matching.evaluate.report.heatmap import HeatMap, heat_map
-from unbend.matching.evaluate.report.lines import lines
-from unbend.matching.evaluate.report.plot import plot
-from unbend.matching.evaluate.report.scatter import Scatter, scatter
+from unbend.matching.evaluate.evaluation import ClassMetrics, Evaluation
+from unbend.matching.evaluate.report.charts import (
+    ClassMapChart,
+    ConfusionChart,
+    class_map_chart,
+    confusion_chart,
+    precision_recall_chart,
+    separation_chart,
+)
 from unbend.matching.evaluate.separation import Clusters, Separation
 
-FIGURE_NAMES: Final = {"nn": "NN", "ft": "FT", "st": "ST", "e": "E", "dcg": "DCG", "map": "mAP"}
+_METRIC_NAMES: Final = {"nn": "NN", "ft": "FT", "st": "ST", "e": "E", "dcg": "DCG", "map": "mAP"}
 
-# Names of files and classes are anybody's: all that is filled in is escaped, and what is missing is an error.
+_EXPLANATIONS: Final = {
+    "nn": "nearest neighbour: the share of queries whose nearest shape belongs to their class",
+    "ft": "first tier: the share of the C other shapes of the class that is among the C nearest",
+    "st": "second tier: the share of them that is among the 2 C nearest",
+    "e": "E-measure: the harmonic mean of precision and recall among the 32 nearest",
+    "dcg": "discounted cumulative gain, divided by that of the ideal ranking",
+    "map": "mean average precision",
+}
+
+# Anybody may have chosen the names of files and classes, so every value is escaped. A missing value is an error.
 _TEMPLATES: Final = Environment(
     loader=PackageLoader("unbend.matching.evaluate.report"),
     autoescape=True,
@@ -32,35 +44,35 @@ _TEMPLATES: Final = Environment(
 
 @dataclass(frozen=True)
 class Report:
-    """What the page tells."""
+    """The content of the page."""
 
     title: str
     evaluations: Mapping[str, Evaluation]
-    """By measure; all of the same queries and gallery."""
+    """The evaluation of each measure, all with the same queries and gallery."""
     queries: Sequence[str]
-    """What each query is called, in the order of its row."""
+    """The name of each query, in the order of the rows."""
     gallery: Sequence[str]
-    """The same of the gallery's shapes; with leave-one-out those of `queries`."""
+    """The name of each shape of the gallery; equal to `queries` with leave-one-out."""
     left_out: bool
-    """Whether each query was left out of the gallery: leave-one-out."""
+    """Whether the evaluation is leave-one-out."""
     failures: Sequence[tuple[str, str]]
-    """Files that could not be used, and why."""
+    """Files that could not be used, and the reasons."""
     settings: Mapping[str, object]
-    """What the signatures were computed with."""
+    """The parameters and policy of the signatures."""
     version: str
-    """Of unbend."""
+    """The version of unbend."""
     date: date
     maps: Mapping[str, Floats] = field(default_factory=dict)
-    """Places of the queries that have an answer by measure, (q, 2): class maps. May be left out."""
+    """Class maps: for some of the measures, the points of the answered queries, (q, 2)."""
     clusters: Mapping[str, Clusters] = field(default_factory=dict)
-    """How far classes are apart by measure. May be left out."""
+    """The separation of classes under some of the measures."""
     separation: Separation | None = None
-    """How far they are apart over the number of dimensions. May be left out."""
+    """The separation of classes over the number of dimensions, if it was computed."""
 
 
 @dataclass(frozen=True)
 class WrongAnswer:
-    """A query whose nearest shape is of another class."""
+    """A query whose nearest shape belongs to another class."""
 
     query: str
     label: str
@@ -71,45 +83,36 @@ class WrongAnswer:
 
 @dataclass(frozen=True)
 class MeasureView:
-    """What is shown of one measure."""
+    """The part of the page about one measure."""
 
     name: str
     evaluation: Evaluation
-    heat_map: HeatMap
-    classes: Sequence[ClassFigures]
-    """Those with the lowest NN first."""
+    confusion: ConfusionChart
+    classes: Sequence[ClassMetrics]
+    """Sorted by NN, the lowest first."""
     wrong: Sequence[WrongAnswer]
 
 
 def render(report: Report) -> str:
-    """Return the page: one HTML document that loads nothing else and runs no script."""
+    """Return the page as one HTML document that loads nothing else and runs no script."""
     curves = {name: evaluation.precision_recall for name, evaluation in report.evaluations.items()}
+    separation = report.separation
     return _TEMPLATES.get_template("page.html.jinja").render(
         report=report,
-        plot=plot(curves),
-        maps=[_scatter(name, points, report) for name, points in report.maps.items()],
-        separation=lines(report.separation.medians) if report.separation and report.separation.pairs else None,
+        plot=precision_recall_chart(curves),
+        maps=[_class_map(name, points, report) for name, points in report.maps.items()],
+        separation=separation_chart(separation.medians) if separation and separation.pairs else None,
         measures=[_view(name, evaluation, report) for name, evaluation in report.evaluations.items()],
         first=next(iter(report.evaluations.values())),
-        figure_names=FIGURE_NAMES,
-        explanations={field.name: _EXPLANATIONS[field.name] for field in fields(RetrievalFigures)},
+        metric_names=_METRIC_NAMES,
+        explanations=_EXPLANATIONS,
         number=_number,
     )
 
 
-_EXPLANATIONS: Final = {
-    "nn": "nearest neighbour: how often the nearest shape is of the query's class",
-    "ft": "first tier: the share of the C other shapes of the class that is among the C nearest",
-    "st": "second tier: the same among the 2 C nearest",
-    "e": "E-measure: the harmonic mean of precision and recall among the 32 nearest",
-    "dcg": "discounted cumulative gain, over that of the ideal ranking",
-    "map": "mean average precision",
-}
-
-
-def _scatter(name: str, points: Floats, report: Report) -> Scatter:
+def _class_map(name: str, points: Floats, report: Report) -> ClassMapChart:
     evaluation = report.evaluations[name]
-    return scatter(name, points, report.queries, [evaluation.labels[code] for code in evaluation.query_classes])
+    return class_map_chart(name, points, report.queries, [evaluation.labels[code] for code in evaluation.query_classes])
 
 
 def _number(value: float | None) -> str:
@@ -128,9 +131,9 @@ def _view(name: str, evaluation: Evaluation, report: Report) -> MeasureView:
         )
         for query in evaluation.wrong
     ]
-    return MeasureView(name, evaluation, heat_map(evaluation), sorted(evaluation.classes, key=_nn), wrong)
+    return MeasureView(name, evaluation, confusion_chart(evaluation), sorted(evaluation.classes, key=_nn), wrong)
 
 
-def _nn(row: ClassFigures) -> tuple[float, str]:
-    """Sort by NN; classes that can find nothing come first."""
-    return (row.figures.nn if row.figures else -1.0, row.label)
+def _nn(row: ClassMetrics) -> tuple[float, str]:
+    """Return the key that sorts by NN; classes without metrics come first."""
+    return (row.metrics.nn if row.metrics else -1.0, row.label)

@@ -1,0 +1,52 @@
+"""Tables, timings and paths that the benchmarks share."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+DATA = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
+
+
+def best_of(repeats: int, function: Callable[[], object]) -> float:
+    """Return the seconds of the quickest of some runs: the one least disturbed."""
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        function()
+        seconds.append(time.perf_counter() - start)
+    return min(seconds)
+
+
+def in_turns(functions: dict[str, Callable[[], Any]], turns: int = 5) -> dict[str, tuple[float, Any]]:
+    """Return the seconds of the quickest of some calls of each function, called in turns, and what it returned."""
+    best: dict[str, tuple[float, Any]] = {}
+    for _ in range(turns):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            result = function()
+            seconds = time.perf_counter() - start
+            if name not in best or seconds < best[name][0]:
+                best[name] = seconds, result
+    return best
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def write_section(page: Path, name: str, text: str) -> None:
+    """Replace the part of `page` between the marks of `name`; append it where there are none."""
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+    old = page.read_text() if page.exists() else "# Benchmarks\n"
+    if begin not in old:
+        old += f"\n{begin}\n{end}\n"
+    before, rest = old.split(begin)
+    page.write_text(f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}")
+    print(text)

@@ -1,0 +1,1 @@
+"""Scaling beside peers, its minima, and whole signatures."""

@@ -1,0 +1,1 @@
+"""Distances beside peers, exact distances and damaged meshes."""

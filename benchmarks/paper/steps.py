@@ -1,0 +1,76 @@
+"""What the paper does or chooses, sentence by sentence, and where unbend has it; `tests/test_docs.py` checks names."""
+
+from __future__ import annotations
+
+from benchmarks.common import table
+
+STEPS = [
+    # section, sentence, Python, command line, HTTP
+    ("2", "a subset of n points uniformly distributed on the surface",
+     "`farthest_point_sampling`, `Parameters.samples`", "`--samples`", "`samples`"),
+    ("2", "a matrix of geodesic distances between these points", "`geodesic_matrix`", "", ""),
+    ("2", "a minimal geodesic path and equal distance contours (Fig. 2)", "`geodesic_path`, `iso_contours`", "",
+     "`GET /shapes/{shape_id}/geodesics`"),
+    ("2", "texture mapping: m = 2 (Fig. 1)", "`flatten`", "`unbend flatten`", "`GET /shapes/{shape_id}/flattening`"),
+    ("2", "based on an analysis of the surfaces, the sampling rate n", ('`Parameters.samples` "auto", '
+     "`Parameters.tolerance`"), "`--samples`, `--tolerance`", "`samples`, `tolerance`"),
+    ("2", "m is increased as long as the representation error does not get below a given threshold",
+     '`Parameters.dimensions` "auto", `Parameters.threshold`', "`--dimensions`, `--threshold`",
+     "`dimensions`, `threshold`"),
+    ("2.1", "from one vertex to the rest, by fast marching on triangulated domains",
+     "`geodesic_distances`, `Parameters.update`", "`--update`", "`update`, `GET /shapes/{shape_id}/geodesics`"),
+    ("2.2", "objects of different classes should be kept well separated when surfaces are sampled",
+     "`unbend.matching.evaluate.separation`", "`unbend evaluate --separation`", "`GET /evaluation`"),
+    ("2.2", "iteratively, the farthest vertex from those selected", "`farthest_point_sampling`", "`--samples`",
+     "`samples`"),
+    ("2.2", "the first vertex is selected at random", "`Parameters.first_sample`, `Parameters.seed`",
+     "`--first-sample`, `--seed`", "`first_sample`, `seed`"),
+    ("2.2", "the connectivity of the selected vertices, if required (Melax: edge collapse)", "`Signature.faces`",
+     "`unbend signature`", "`GET /shapes/{shape_id}/signature`"),
+    ("2.3", "scaled into a unit bounding box", "`Parameters.scaling`", "`--scaling`", "`scaling`"),
+    ("2.3", "centred, and oriented using the second order moments", "`Signature.points`", "`unbend signature`",
+     "`GET /shapes/{shape_id}/signature`"),
+    ("2.3", "some unique measure, like the Hausdorff distance", "measure `max_hausdorff`; `hausdorff` is a mean",
+     "`unbend compare --measure`", "`measure`"),
+    ("2.3", "a search for the transformation that aligns both objects ([7], [8], [31])", "measure `rigid`",
+     "`unbend compare --measure`", "`measure`"),
+    ("2.3", "the distribution of distances between random points ([29])", "measure `distribution`",
+     "`unbend compare --measure`", "`measure`"),
+    ("2.3", "decompose shapes into parts ([11], [34]); Reeb graphs ([21])", "measure `reeb`",
+     "`unbend compare --measure`", "`measure`"),
+    ("2.3", "the first few moments of each surface, less than 15", "measure `moments`, `Signature.moments`",
+     "`unbend compare --measure`", "`measure`"),
+    ("2.3", "D_M, the squared distances between vectors of moments, and its MDS", "`Library.map`",
+     "`unbend evaluate --html`", "`GET /map`, `distance`"),
+    ("3", "weighting coefficients w_ij (eq. 2)", "`Parameters.weights`, `embed`", "`--weights`", "`weights`"),
+    ("3", "the stress function (eq. 2)", "`Signature.stress`", "`unbend signature`", "`stress`"),
+    ("3", "fix m = 3", "`Parameters.dimensions`", "`--dimensions`", "`dimensions`"),
+    ("3", "connect the corresponding points after the mapping", "`canonical_form`", "`unbend signature --whole`",
+     "`GET /shapes/{shape_id}/signature`, `whole`"),
+    ("3", "a given percentage of the representation energy; an error of up to 5 percent",
+     "`representation_errors`, `effective_dimension`, `Parameters.criterion`, `Parameters.threshold`",
+     "`--criterion`, `--threshold`", "`criterion`, `threshold`"),
+    ("3", "up to m = 6 a coloured surface", "`Signature.points`", "`unbend signature`",
+     "`GET /shapes/{shape_id}/signature`"),
+    ("3", "m itself is an invariant measure", "`Signature.dimension`, measure `dimension`",
+     "`unbend compare --measure`", "`dimension`, `measure`"),
+    ("3.1", "classical scaling (eqs. 4 to 6)", "`Parameters.method`, `embed`", "`--method`", "`method`"),
+    ("3.2", "least squares by iterative majorization (eqs. 7 to 9)", "`Parameters.method`, `embed`", "`--method`",
+     "`method`"),
+    ("3.2", "a (non)random initial configuration", "`Parameters.starts`, `Parameters.seed`", "`--starts`, `--seed`",
+     "`starts`, `seed`"),
+    ("3.2", "stop where the stress falls by less than epsilon", "`unbend.embedding.least_squares.smacof`", "", ""),
+    ("3.3", "FastMap: project on pivots, then on the hyperplane (eq. 10)", "`Parameters.method`, `embed`", "`--method`",
+     "`method`"),
+    ("3.4", "the log ratio of the distance of class means over their variances (Fig. 5)",
+     "`unbend.matching.evaluate.separation`", "`unbend evaluate --separation`", ""),
+    ("4", "the clusters that moments make, of surfaces and of signatures (Fig. 8)",
+     "`unbend.matching.evaluate.clusters`, measures `surface_moments` and `moments`",
+     "`unbend evaluate --separation`", "`GET /map`"),
+    ("1, 4", "classify: any trivial classifier will do", "`Library.classify`", "`unbend query`", "`POST /queries`"),
+    ("5", "semilocal signatures around key points; partially occluded surfaces", "not there", "", ""),
+]  # fmt: skip
+
+
+def steps() -> str:
+    return table(["section", "the paper", "Python", "command line", "HTTP"], STEPS)

@@ -1,0 +1,1 @@
+"""Retrieval, classification and robustness on real shapes."""

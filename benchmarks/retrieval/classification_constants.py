@@ -1,0 +1,168 @@
+"""How the constants of service/unbend/matching/classification/calibration.py are chosen, and from what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
+from typing import Final
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from benchmarks.retrieval.classification_data import ALL, CHOOSING, Shapes, Trial, trials
+from unbend.matching.classification import CLASSIFIERS, discriminants
+from unbend.matching.classification.calibration import confidences, spacing
+from unbend.matching.classification.classifier import Classifier, Query
+from unbend.matching.measures import VECTOR_MEASURES
+
+SIZES: Final = (1, 2, 4, 8, ALL)
+"""Shapes a class of the libraries, which count alike."""
+
+MIN_MEMBERS: Final = {"discriminants": discriminants.MIN_MEMBERS}
+"""Shapes a class that a classifier needs, if that is more than one."""
+
+Array = np.ndarray
+Judged = tuple[Array, Array]
+"""How far each query is from the classes, (queries, classes), and the place of its own, (queries,)."""
+
+
+def softmax(dissimilarities: Array, scale: float) -> Array:
+    shares = np.exp(-scale * (dissimilarities - dissimilarities.min(axis=1, keepdims=True)))
+    return shares / shares.sum(axis=1, keepdims=True)
+
+
+def softmax_of_ratios(dissimilarities: Array, scale: float) -> Array:
+    return softmax(
+        dissimilarities / np.maximum(dissimilarities.min(axis=1, keepdims=True), np.finfo(float).tiny), scale
+    )
+
+
+FORMS: Final[Mapping[str, Callable[[Array, float], Array]]] = {
+    "power": confidences,
+    "softmax": softmax,
+    "softmax of ratios": softmax_of_ratios,
+}
+"""From how far classes are to their probabilities, with one constant."""
+
+
+def judge(classifier: Classifier, asked: Sequence[Trial]) -> Judged:
+    dissimilarities = np.array([classifier.score(trial.query).dissimilarities for trial in asked])
+    return dissimilarities, np.array([trial.query.gallery.labels.index(trial.label) for trial in asked])
+
+
+def sizes_for(classifier: Classifier, sizes: Sequence[int | None] = SIZES) -> list[int | None]:
+    return [size for size in sizes if size is ALL or size >= MIN_MEMBERS.get(classifier.name, 1)]
+
+
+@cache
+def choosing(sets: tuple[Shapes, ...], measure: str, classifier: str) -> list[Judged]:
+    """Return what the choosing halves' queries are told, for each data set and size of library."""
+    chosen = CLASSIFIERS[classifier]
+    asked = (trials(shapes, measure, size, CHOOSING) for shapes in sets for size in sizes_for(chosen))
+    return [judge(chosen, some) for some in asked if some]
+
+
+def log_loss(shares: Array) -> float:
+    return -float(np.log(np.maximum(shares, np.finfo(float).tiny)).mean())
+
+
+@cache
+def choose_constant(sets: tuple[Shapes, ...], measure: str, classifier: str, form: str) -> tuple[float, float]:
+    """Return the constant of the least log loss, a mean over data sets and sizes, and that loss."""
+
+    def loss(logarithm: float) -> float:
+        constant = float(np.exp(logarithm))
+        told = (
+            (FORMS[form](dissimilarities, constant), own)
+            for dissimilarities, own in choosing(sets, measure, classifier)
+        )
+        return float(np.mean([log_loss(shares[np.arange(len(own)), own]) for shares, own in told]))
+
+    found = minimize_scalar(loss, bounds=np.log([1e-3, 1e4]), method="bounded", options={"xatol": 1e-3})
+    return float(np.exp(found.x)), float(found.fun)
+
+
+# Rules of "known": how many times the distances of members to their nearest others a query is from a class.
+
+
+def _best(query: Query) -> int:
+    return int(query.nearest.argmin())
+
+
+def _of_best(statistic: Callable[[Array], float], query: Query) -> float:
+    near, own = spacing(query, _best(query))
+    return near / statistic(own)
+
+
+def _of_any(statistic: Callable[[Array], float], query: Query) -> float:
+    told = [spacing(query, int(code)) for code in np.flatnonzero(query.nearest < np.inf)]
+    return min(near / statistic(own) for near, own in told if len(own))
+
+
+def _pooled(statistic: Callable[[Array], float], query: Query) -> float:
+    own = [spacing(query, int(code))[1] for code in np.flatnonzero(query.nearest < np.inf)]
+    return float(query.nearest.min()) / statistic(np.concatenate(own))
+
+
+RULES: Final[Mapping[str, Callable[[Query], float]]] = {
+    "largest, best class": partial(_of_best, np.max),
+    "largest, any class": partial(_of_any, np.max),
+    "largest, all classes pooled": partial(_pooled, np.max),
+    "mean, best class": partial(_of_best, np.mean),
+    "mean, any class": partial(_of_any, np.mean),
+    "mean, all classes pooled": partial(_pooled, np.mean),
+    "median, best class": partial(_of_best, np.median),
+}
+CHOSEN_RULE: Final = "mean, best class"
+LITERAL: Final = ("largest, best class", "largest, any class")
+OPEN_SIZES: Final = (2, 4, 8, ALL)
+
+Told = tuple[Array, Array]
+"""What a rule tells of queries whose class is there, and of those whose class is not."""
+
+
+@cache
+def told(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) -> Told:
+    """Leaves out queries whose best class has a single member: nothing is said of them."""
+    known, unknown = (
+        np.array(
+            [
+                RULES[rule](trial.query)
+                for trial in trials(shapes, measure, size, which, known=there)
+                if len(spacing(trial.query, _best(trial.query))[1])
+            ]
+        )
+        for there in (True, False)
+    )
+    return known, unknown
+
+
+def rates(some: Told, constant: float) -> tuple[float, float]:
+    """Return the shares of false rejects and of false accepts."""
+    return float((some[0] > constant).mean()), float((some[1] <= constant).mean())
+
+
+def summed(sets: tuple[Shapes, ...], measure: str, rule: str, constant: float) -> float:
+    """Return the sum of both rates on the choosing halves, a mean over data sets and sizes."""
+    some = [told(shapes, measure, rule, size, CHOOSING) for shapes in sets for size in OPEN_SIZES]
+    return float(np.mean([sum(rates(one, constant)) for one in some if all(map(len, one))]))
+
+
+@cache
+def choose_slack(sets: tuple[Shapes, ...], measure: str, rule: str) -> float:
+    """Return the constant of the least sum, of several as good the one in the middle."""
+    grid = np.linspace(0.2, 3.0, 281)
+    sums = np.array([summed(sets, measure, rule, constant) for constant in grid])
+    best = np.flatnonzero(sums == sums.min())
+    return float(grid[best[len(best) // 2]])
+
+
+def constants(sets: tuple[Shapes, ...]) -> str:
+    """Return the table of calibration.py, as Python."""
+    lines = []
+    for measure in VECTOR_MEASURES:
+        exponents = ", ".join(
+            f'"{name}": {choose_constant(sets, measure, name, "power")[0]:.2g}' for name in CLASSIFIERS
+        )
+        lines.append(f'"{measure}": Calibration({{{exponents}}}, {choose_slack(sets, measure, CHOSEN_RULE):.2f}),')
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""The service: throughput, reliability, contract, storage."""

@@ -1,0 +1,176 @@
+"""Downloads: their format, conditional requests, ranges, and streaming from the store."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from functools import partial
+from typing import Final, Literal, get_args
+from urllib.parse import quote
+
+from fastapi import HTTPException, Request, Response
+from starlette.datastructures import Headers
+from starlette.responses import StreamingResponse
+
+from unbend.api.middleware.methods import HEAD
+from unbend.api.schema.problems import MediaTypeError
+from unbend.library.records import ShapeRecord
+from unbend.mesh.formats import FORMATS, WrittenFormat
+
+_TAG: Final = re.compile(r'(W/)?"([\x21\x23-\x7e\x80-\xff]*)"')
+
+
+def etag_of(record: ShapeRecord) -> str:
+    """Return the entity tag of a shape's record, which differs after each change."""
+    return f'"{record.id}.{record.changed}"'
+
+
+def is_known(headers: Headers, tag: str) -> bool:
+    """Return whether the If-None-Match header contains `tag` (RFC 9110, section 13.1.2)."""
+    given = headers.get("if-none-match", "")
+    return given.strip() == "*" or tag in {f'"{text}"' for _, text in _TAG.findall(given)}
+
+
+def expected_revisions(headers: Headers, shape_id: str) -> Collection[int] | None:
+    """Return the revisions of a shape that If-Match allows (RFC 9110, section 13.1.1); None for all."""
+    given = headers.get("if-match")
+    if given is None or given.strip() == "*":
+        return None
+    tags = (text.rpartition(".") for weak, text in _TAG.findall(given) if not weak)
+    return frozenset(int(number) for of, _, number in tags if of == shape_id and re.fullmatch(r"\d{1,18}", number))
+
+
+Format = Literal["json", WrittenFormat, "npz"]
+
+TextureFormat = Literal["obj", "glb", "json", "npz"]
+
+MEDIA_TYPES: Final[dict[str, str]] = {
+    "json": "application/json",
+    **FORMATS,
+    "npz": "application/vnd.numpy.npz",
+}
+
+_BYTES: Final = "application/octet-stream"
+_ANY: Final = "*/*"
+_QUALITY: Final = re.compile(r"0(\.\d{0,3})?|1(\.0{0,3})?")
+"""A weight (RFC 9110, section 12.4.2)."""
+
+
+def choose_format(
+    request: Request, wanted: str | None, default: str, served: tuple[str, ...] = get_args(Format)
+) -> str:
+    """Return the requested format, or `default` without a request; raise 406 if no requested format is available."""
+    if wanted:
+        return wanted
+    asked = ", ".join(request.headers.getlist("accept"))
+    if not asked.strip():
+        return default
+    ranges = _ranges(asked)
+    names = dict.fromkeys((default, *served))  # the first of equal weights wins
+    best = max(names, key=lambda name: _quality(ranges, name, default))
+    if not _quality(ranges, best, default):
+        raise HTTPException(406, f"formats served are {', '.join(MEDIA_TYPES[name] for name in names)}")
+    return best
+
+
+def _ranges(accept: str) -> dict[str, float]:
+    """Return the weight of each media range of an Accept header. Other parameters are ignored."""
+    found: dict[str, float] = {}
+    for part in accept.split(","):
+        media_range, *parameters = (piece.strip().lower() for piece in part.split(";"))
+        weights = [value.strip() for name, _, value in (each.partition("=") for each in parameters) if name == "q"]
+        if not weights or _QUALITY.fullmatch(weights[0]):
+            found[media_range] = float(weights[0]) if weights else 1.0
+    return found
+
+
+def _quality(ranges: Mapping[str, float], name: str, default: str) -> float:
+    """Return the weight of a format: the weight of the most specific range that matches."""
+    media_type = MEDIA_TYPES[name]
+    within = [media_type, f"{media_type.partition('/')[0]}/*", _ANY]
+    if name == default:  # the response to a client that accepts any bytes
+        within.insert(1, _BYTES)
+    return next((ranges[each] for each in within if each in ranges), 0.0)
+
+
+def wants_job(request: Request) -> bool:
+    """Return whether the caller prefers a job to a wait (RFC 7240, section 4.1)."""
+    preferences = ",".join(request.headers.getlist("prefer")).lower().split(",")
+    return any(each.partition(";")[0].strip() == "respond-async" for each in preferences)
+
+
+def sends(media_type: str) -> Callable[[Request], None]:
+    """Return a dependency that responds 415 to a body of any other type."""
+
+    def check(request: Request) -> None:
+        if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
+            raise MediaTypeError(media_type)
+
+    return check
+
+
+def file_headers(file_type: str, name: str) -> dict[str, str]:
+    """Return the headers of a file to download."""
+    plain = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII) or "shape"
+    return {
+        "Content-Type": MEDIA_TYPES[file_type],
+        "Content-Disposition": f'attachment; filename="{plain}.{file_type}"; '
+        f"filename*=UTF-8''{quote(name, safe='')}.{file_type}",
+        "Vary": "Accept",
+    }
+
+
+def file_response(data: bytes, file_type: str, name: str) -> Response:
+    """Return a response with a file to download."""
+    return Response(data, headers=file_headers(file_type, name))
+
+
+_CHUNK: Final = 2**18
+"""Bytes of a file in memory for each client."""
+
+_RANGE: Final = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
+
+Read = Callable[[int, int], bytes]
+"""Returns the bytes of a file from an offset, at most a number of them."""
+
+
+def send_file(request: Request, read: Read, size: int, sha256: str, headers: dict[str, str]) -> Response:
+    """Return a response that streams a file, or the requested range, as fast as the client reads.
+
+    If the file is removed meanwhile, the connection closes before the announced length.
+    """
+    tag = f'"{sha256}"'
+    headers = headers | {"ETag": tag, "Accept-Ranges": "bytes"}
+    if is_known(request.headers, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    asked = _range(request, size, tag)
+    if asked is None:
+        status, begin, end = 200, 0, size
+    else:
+        status, (begin, end) = 206, asked
+        if begin >= end:
+            return Response(status_code=416, headers={"Content-Range": f"bytes */{size}"})
+        headers["Content-Range"] = f"bytes {begin}-{end - 1}/{size}"
+    headers["Content-Length"] = str(end - begin)
+    if request.scope.get(HEAD):
+        return Response(status_code=status, headers=headers)
+    return StreamingResponse(_chunks(read, begin, end), status, headers)
+
+
+async def _chunks(read: Read, begin: int, end: int) -> AsyncIterator[bytes]:
+    while begin < end:
+        piece = await asyncio.to_thread(partial(read, begin, min(_CHUNK, end - begin)))
+        begin += len(piece)
+        yield piece
+
+
+def _range(request: Request, size: int, tag: str) -> tuple[int, int] | None:
+    """Return the requested range of bytes, an empty one if it is outside the file, and None for the whole file."""
+    found = _RANGE.fullmatch(request.headers.get("range", "").strip())
+    if not found or found[1] == found[2] == "" or request.headers.get("if-range", tag) != tag:
+        return None  # for several ranges or other units, the whole file is a valid response
+    if not found[1]:
+        return max(0, size - int(found[2])), size if int(found[2]) else 0
+    end = min(int(found[2]) + 1, size) if found[2] else size
+    return int(found[1]), end

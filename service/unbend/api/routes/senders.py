@@ -1,0 +1,82 @@
+"""The senders of jobs: their API keys, the jobs that they may see, and idempotency keys."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from typing import Annotated, Final
+
+from fastapi import Header, Request
+
+from unbend.api.context import KEY
+from unbend.api.server.service import service_of
+from unbend.api.server.webhooks import check_callback
+from unbend.errors import NotFoundError, ParameterError
+from unbend.library.jobs import Sender
+from unbend.library.keys import KeyRecord
+from unbend.library.records import JobRecord
+from unbend.library.requests import QueryRequest, ShapeRequest, Upload, kind_of
+
+_SANE: Final = re.compile(r"[\x21-\x7e]{1,255}")
+
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        description="A unique name of this request, 1 to 255 visible characters. Repeating the request with it within "
+        "24 hours returns the same job.",
+        pattern=r"^[\x21-\x7e]{1,255}$",
+    ),
+]
+
+
+def key_of(request: Request) -> KeyRecord | None:
+    """Return the API key of a request; None if the service needs no keys."""
+    key: KeyRecord | None = request.scope.get(KEY)
+    return key
+
+
+def owner_of(request: Request) -> str | None:
+    """Return the owner of the jobs that a request may see; None for all jobs."""
+    key = key_of(request)
+    return None if key is None or key.scope == "admin" else key.id
+
+
+def must_see(request: Request, job: JobRecord) -> JobRecord:
+    """Return a job; NotFoundError if it belongs to another key."""
+    owner = owner_of(request)
+    if owner and job.owner and job.owner != owner:
+        raise NotFoundError(f"no job {job.id}: there is none, or it ended long ago and was deleted")
+    return job
+
+
+def sender_of(
+    request: Request, upload: Upload, job_request: ShapeRequest | QueryRequest, callback: str | None = None
+) -> Sender:
+    """Return the sender of a job, with its idempotency hashes and its webhook.
+
+    Raises
+    ------
+    ParameterError
+        If the header Idempotency-Key is not 1 to 255 visible ASCII characters.
+    UnsuitedError
+        If the settings do not allow the webhook.
+    """
+    key = key_of(request)
+    owner = key.id if key else None
+    name = request.headers.get("idempotency-key")
+    told = check_callback(callback, service_of(request).settings.webhook_plan) if callback else None
+    if name is None:
+        return Sender(owner, callback=told)
+    if not _SANE.fullmatch(name):
+        raise ParameterError("Idempotency-Key must have 1 to 255 visible characters of ASCII")
+    key_of_upload = upload.key
+    sent = [
+        kind_of(job_request), callback, key_of_upload.sha256, key_of_upload.parameters, key_of_upload.policy,
+        upload.file_type, job_request.as_dict(),
+    ]  # fmt: skip
+    return Sender(owner, _hash([owner, name]), _hash(sent), told)
+
+
+def _hash(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

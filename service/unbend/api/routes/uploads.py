@@ -1,0 +1,58 @@
+"""The fields of a multipart form as an `Upload` and its description."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+from typing import Any, Final
+
+from starlette.datastructures import UploadFile
+
+from unbend.api.schema.problems import pointing_at
+from unbend.errors import ParameterError
+from unbend.jsons import parse_json
+from unbend.library.metadata import MAX_METADATA_BYTES, check_metadata
+from unbend.library.requests import Upload
+from unbend.mesh.formats.detect import detect_format
+from unbend.mesh.policy import MeshPolicy
+from unbend.names import MAX_TEXT
+from unbend.signature.parameters import Parameters
+
+_MOST_TEXT: Final = 4 * MAX_METADATA_BYTES
+"""Longest text of metadata that is parsed: JSON may escape a character as six, and add spaces."""
+
+
+async def read_upload(file: UploadFile, parameters: str | None, policy: str | None) -> Upload:
+    """Return the file's bytes, its format, its parameters and its policy.
+
+    Raises
+    ------
+    MeshFormatError
+        If the format is unknown. The file is not parsed here.
+    ParameterError
+        If the parameters or the policy are not JSON, or out of range.
+    """
+    with pointing_at("body.parameters"):
+        chosen = Parameters.from_json(parameters) if parameters else Parameters()
+    with pointing_at("body.policy"):
+        reading = MeshPolicy.from_json(policy) if policy else MeshPolicy()
+    data = await file.read()
+    hint = PurePosixPath(file.filename or "").suffix.lower().lstrip(".")
+    file_type = detect_format(data, hint)
+    return Upload(data, file_type, chosen, reading)
+
+
+def parse_metadata(text: str | None) -> dict[str, Any] | None:
+    """Return the `metadata` field as an object, None if it is empty; ParameterError if it is not an object."""
+    if not text:
+        return None
+    with pointing_at("body.metadata"):
+        if len(text) > _MOST_TEXT:
+            raise ParameterError(f"metadata has more than {_MOST_TEXT} characters")
+        value = parse_json(text, "metadata")
+        check_metadata(value)
+    return dict(value)
+
+
+def default_name(file: UploadFile) -> str:
+    """Return the name of a file without folders and extension."""
+    return PurePosixPath((file.filename or "").replace("\\", "/")).stem[:MAX_TEXT] or "unnamed"

@@ -1,0 +1,1 @@
+"""The data of the HTTP API: models, problem documents, and the OpenAPI document."""

@@ -1,0 +1,140 @@
+"""Types of request fields with their schemas in OpenAPI.
+
+The schemas must match the values that the service accepts: tests/api/test_contract.py sends values from the schemas.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Final, Literal
+
+from fastapi import Path
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, WithJsonSchema
+
+from unbend.embedding.dimension import MAX_DIMENSIONS
+from unbend.embedding.embed import MAX_STARTS, Criterion, Method
+from unbend.embedding.weighting import Weighting
+from unbend.geodesics.distances import Update
+from unbend.jsons import as_whole
+from unbend.library.requests import MAX_PAIRS
+from unbend.matching.classification.registry import CLASSIFIERS
+from unbend.matching.measures.registry import MEASURES, PAIR_MEASURES, VECTOR_MEASURES
+from unbend.mesh.formats import FORMATS
+from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components, Seams
+from unbend.signature.parameters import MAX_SAMPLES, MAX_SEED, FirstSample, Scaling
+
+EXAMPLE_ID: Final = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
+
+_ID: Final = {"type": "string", "pattern": "^[0-9a-f]{32}$", "examples": [EXAMPLE_ID]}
+
+Id = Annotated[str, WithJsonSchema(_ID)]
+"""Id of a shape or a job. A malformed id is not found, like any unknown id."""
+
+ShapeId = Annotated[str, Path(description="Of a stored shape."), WithJsonSchema(_ID)]
+
+JobId = Annotated[str, Path(description="Of a job."), WithJsonSchema(_ID)]
+
+
+def _with(method: list[JsonValue], **then: JsonValue) -> JsonValue:
+    """Return a JSON Schema condition that holds if `method` has one of these values."""
+    return {
+        "if": {"properties": {"method": {"enum": method}}, "required": ["method"]}, "then": {"properties": then}
+    }  # fmt: skip
+
+
+class ParametersFields(BaseModel):
+    """Parameters of a signature; missing fields have their defaults."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [{"samples": 300}],
+            "allOf": [
+                _with(["classical", "fast"], starts={"const": 0}, weights={"enum": ["equal", "area"]}),
+                _with(["fast"], weights={"const": "equal"}),
+            ],
+        },
+    )
+
+    samples: Annotated[int, Field(ge=4, le=MAX_SAMPLES)] | Literal["auto"] = Field(
+        300, description="Farthest point samples; `auto` doubles them until the spectrum moves by `tolerance` at most."
+    )
+    dimensions: Annotated[int, Field(ge=1, le=MAX_DIMENSIONS)] | Literal["auto"] = Field(
+        3, description="Of the signature's space; `auto` is the fewest within `threshold` by `criterion`."
+    )
+    method: Method = Field("least_squares", description="How samples are embedded.")
+    update: Update = Field("spherical", description="How fast marching crosses a triangle.")
+    scaling: Scaling = Field("area", description="What is made 1.")
+    first_sample: FirstSample = Field("end", description="Where sampling begins; `seed` draws a `random` vertex.")
+    starts: int = Field(0, ge=0, le=MAX_STARTS, description="Further random starts of least squares.")
+    seed: int = Field(0, ge=0, le=MAX_SEED, description="Of all that is random.")
+    weights: Weighting = Field("equal", description="Of pairs in the stress: 1, 1/d, 1/d^2, or by area.")
+    criterion: Criterion = Field("error", description="What `threshold` bounds: eq. 6, or the stress of eq. 2.")
+    threshold: float = Field(0.05, gt=0, lt=1, description="For `dimensions` `auto`.")
+    tolerance: float = Field(0.02, gt=0, lt=1, description="For `samples` `auto`: share of the spectrum.")
+
+
+class PolicyFields(BaseModel):
+    """Policy of reading a file; missing fields have their defaults."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"components": "bridge"}]})
+
+    components: Components = Field("largest", description="Of several: keep the largest, link them, or refuse.")
+    max_vertices: Annotated[int, Field(ge=FEWEST_VERTICES)] | None = Field(
+        None, description="Simplify a mesh of more vertices."
+    )
+    smooth: int = Field(0, ge=0, le=MOST_ROUNDS, description="Rounds of smoothing.")
+    seams: Seams = Field("stitch", description="Join boundary edges whose ends coincide, or leave the surface cut.")
+
+
+def _inline(model: type[BaseModel], description: str) -> dict[str, Any]:
+    schema = model.model_json_schema()
+    del schema["title"]
+    return schema | {"description": description}
+
+
+_PARAMETERS: Final = _inline(ParametersFields, "Parameters of the signature, as a JSON object.")
+_POLICY: Final = _inline(PolicyFields, "How to read the file, as a JSON object.")
+_METADATA: Final = {"type": "object", "description": "Anything, as a JSON object.", "examples": [{"scanner": "A"}]}
+
+ParametersText = Annotated[str | None, WithJsonSchema(_PARAMETERS)]
+"""JSON text in a form: OpenAPI defines an object in a form as a part of the type application/json."""
+
+PolicyText = Annotated[str | None, WithJsonSchema(_POLICY)]
+
+MetadataText = Annotated[str | None, WithJsonSchema(_METADATA)]
+
+_INSTANT: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+
+
+def as_instant(value: object) -> object:
+    """Return text in the form of an RFC 3339 time with an offset; ValueError for anything else."""
+    if not isinstance(value, str) or not _INSTANT.fullmatch(value):
+        raise ValueError("should be an instant with its offset, such as 2026-01-31T12:00:00Z")
+    return value
+
+
+MeasureName = Annotated[str, Field(json_schema_extra={"enum": list(MEASURES)})]
+
+VectorMeasureName = Annotated[str, Field(json_schema_extra={"enum": list(VECTOR_MEASURES)})]
+
+ClassifierName = Annotated[str, Field(json_schema_extra={"enum": list(CLASSIFIERS)})]
+
+Whole = Annotated[int, BeforeValidator(as_whole)]
+"""An integer in JSON, where 10.0 equals 10 (JSON Schema), but text and booleans are refused."""
+
+FEWER_PAIRS: Final[dict[str, Any]] = {
+    "if": {"properties": {"measure": {"enum": list(PAIR_MEASURES)}}, "required": ["measure"]},
+    "then": {"properties": {"k": {"maximum": MAX_PAIRS}}},
+}
+"""Condition on a query: measures of whole shapes allow fewer shapes."""
+
+FILE: Final = {
+    "type": "string",
+    "format": "binary",
+    "description": "An off, obj, ply, stl or glb file; the media type of its part is ignored.",
+    "examples": ["OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"],
+}
+
+FILE_ENCODING: Final = {"file": {"contentType": ", ".join(FORMATS.values())}}
+"""Media types of mesh files. Any other type is accepted too, because the content decides."""

@@ -1,0 +1,32 @@
+"""Headers of responses: those of every response, and the documentation of others in OpenAPI."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from unbend.api.context import API_PREFIX
+
+_ALWAYS: Final = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+}
+ETAG: Final = {"ETag": {"description": "Differs after each change.", "required": True, "schema": {"type": "string"}}}
+LOCATION: Final = {
+    "Location": {
+        "description": "Where the job is.",
+        "required": True,
+        "schema": {"type": "string", "format": "uri-reference"},
+    }
+}
+DISPOSITION: Final = {
+    "Content-Disposition": {"description": "The file's name.", "required": True, "schema": {"type": "string"}},
+    "Vary": {"description": "Accept chooses the format.", "required": True, "schema": {"type": "string"}},
+}
+"""OpenAPI documentation of the headers of records, jobs and files."""
+
+
+def headers_for(path: str) -> dict[str, str]:
+    """Return the security headers of a response for `path`; responses of the API are never cached."""
+    return _ALWAYS | ({"Cache-Control": "no-store"} if path.startswith(f"{API_PREFIX}/") else {})

@@ -1,0 +1,317 @@
+"""Models of requests and responses, with their documentation in OpenAPI."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from unbend.api.schema.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
+from unbend.library import records
+from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.requests import JobKind
+from unbend.matching.classification import DEFAULT_CLASSIFIER
+from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.names import MAX_TEXT
+
+_WARNINGS: Final = "Reasons why the result may be wrong, and what to do; mostly empty."
+_IGNORED: Final = (
+    "Fields that came with the file, and that the stored shape did not take: `name`, `label`, `metadata`. To set them, "
+    "send the file with `if_known=update`, or PATCH the shape."
+)
+_WARNING: Final = (
+    "only 50.0% of the area was kept, the largest of 2 components, so that the answer may be that of a part: the "
+    'reading policy components="bridge" links all of them'
+)
+
+
+class Shape(BaseModel):
+    """A shape of the library."""
+
+    id: Id
+    name: str = Field(examples=["cat-03"])
+    label: str | None = Field(description="Its known class.", examples=["cat"])
+    metadata: dict[str, Any] = Field(examples=[{"scanner": "A", "year": 2026}])
+    sha256: str = Field(description="Hash of the uploaded file.")
+    size: int = Field(description="Size of the uploaded file in bytes.", examples=[20480])
+    parameters: dict[str, Any] = Field(description="Parameters of the signature.")
+    policy: dict[str, Any] = Field(
+        description="How the file was read.",
+        examples=[{"components": "largest", "max_vertices": None, "smooth": 0, "seams": "stitch"}],
+    )
+    version: str = Field(description="Version of the algorithm; signatures of different versions are not compared.")
+    area: float = Field(description="Area of the surface, in squared units of the file.")
+    stress: float = Field(
+        description="Eq. 2 of the paper: 0 if the distances of the signature equal the geodesic distances."
+    )
+    dimension: int | None = Field(
+        description="Effective dimension, itself a bending invariant; null for signatures of version 4 or earlier."
+    )
+    report: dict[str, Any] = Field(description="Findings and repairs of reading the mesh; `notes` in plain words.")
+    warnings: list[str] = Field(description=_WARNINGS, examples=[[_WARNING]])
+    created_at: datetime
+    updated_at: datetime = Field(description="Time of the last change of its name, label or metadata.")
+
+    @classmethod
+    def of(cls, record: ShapeRecord) -> Self:
+        """Make the response for a stored shape."""
+        values = {**vars(record), "parameters": record.parameters.as_dict(), "policy": record.policy.as_dict()}
+        return cls.model_validate(values)
+
+
+class KnownShape(Shape):
+    """A stored shape whose file was sent again."""
+
+    ignored: list[str] = Field(description=_IGNORED, examples=[["label"]])
+    updated: list[str] = Field(description="Fields that came with the file, and that the shape took.", examples=[[]])
+
+    @classmethod
+    def of_known(cls, known: records.KnownShape) -> Self:
+        """Make the response for a shape that was stored already."""
+        return cls.model_validate(
+            Shape.of(known.shape).model_dump() | {"ignored": list(known.ignored), "updated": list(known.updated)}
+        )
+
+
+class ShapePage(BaseModel):
+    """A page of shapes in the order of adding."""
+
+    items: list[Shape]
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last.")
+
+
+class ShapeChanges(BaseModel):
+    """Changes of a shape; missing members do not change."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"label": "cat"}]})
+
+    # by factories, because a missing field has no value, and the document must not show a default
+    name: str = Field(default_factory=str, min_length=1, max_length=MAX_TEXT)
+    label: str | None = Field(default_factory=lambda: None, min_length=1, max_length=MAX_TEXT, examples=["cat"])
+    metadata: dict[str, Any] = Field(default_factory=dict)
+
+
+class JobError(BaseModel):
+    """The error of a failed job."""
+
+    code: str = Field(description="A stable name for programs.", examples=["mesh_read"])
+    message: str = Field(examples=["line 17: three coordinates expected, found '0.1 0.2'"])
+    advice: str = ""
+
+
+class ClassMatch(BaseModel):
+    """A class and its distance from the query."""
+
+    label: str = Field(examples=["cat"])
+    distance: float = Field(
+        description="Distance by the classifier: that of the nearest member by default.", examples=[0.041]
+    )
+    confidence: float = Field(
+        description="Probability of this class, if the query belongs to any of them.", examples=[0.97]
+    )
+
+
+class ShapeMatch(BaseModel):
+    """A stored shape and its distance from the query."""
+
+    id: Id
+    name: str = Field(examples=["cat-03"])
+    label: str | None = Field(examples=["cat"])
+    distance: float = Field(examples=[0.041])
+
+
+class Ranking(BaseModel):
+    """The classes and shapes nearest to a query, best first."""
+
+    measure: str = Field(examples=[DEFAULT_MEASURE])
+    classes: list[ClassMatch]
+    shapes: list[ShapeMatch]
+    known: bool | None = Field(
+        description="Whether the query is as near to the best class as its members are to each other: if not, it may "
+        "be none of these. Null where the class has too few members to tell."
+    )
+    warnings: list[str] = Field(
+        default_factory=list,  # rankings of earlier versions have none
+        description=f"Of the query. {_WARNINGS}",
+    )
+
+
+class JobSummary(BaseModel):
+    """A job: queued, running, and finally succeeded, failed or cancelled."""
+
+    id: Id
+    kind: JobKind
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    stage: str = Field(examples=["geodesics"])
+    progress: float = Field(ge=0, le=1, examples=[0.42])
+    detail: dict[str, float] = Field(
+        description="Details of the running stage: `sample` of `samples`, `row` of `rows`, or `iteration` and "
+        "`stress`. `seconds` since the start of the job are updated every second.",
+        examples=[{"row": 120, "rows": 300, "seconds": 4.2}],
+    )
+    position: int | None = Field(description="Number of jobs before this one in the queue; null once it runs.")
+    attempts: int = Field(description="Number of attempts; a lost process costs one.")
+    error: JobError | None
+    shape_id: Id | None = Field(description="The shape of a succeeded upload, or the shape that a file is made of.")
+    warnings: list[str] = Field(description=f"Of a succeeded job. {_WARNINGS}")
+    ignored: list[str] = Field(description=f"For an upload whose shape was stored meanwhile. {_IGNORED}")
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+
+    @classmethod
+    def of(cls, record: JobRecord, position: int | None = None) -> Self:
+        """Make the response for a stored job."""
+        values = {name: getattr(record, name) for name in cls.model_fields if name != "position"}
+        return cls.model_validate(values | {"position": position})
+
+
+class Job(JobSummary):
+    """A job with its result."""
+
+    result: Ranking | None = Field(
+        description="The ranking of a succeeded query, with the present names and labels of its shapes."
+    )
+
+
+class JobList(BaseModel):
+    """A page of jobs without results, the newest first."""
+
+    items: list[JobSummary]
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last.")
+
+
+class Forgotten(BaseModel):
+    """The response to a deletion of jobs."""
+
+    forgotten: int = Field(description="How many jobs were forgotten.", examples=[1200])
+
+
+class ShapeQuery(BaseModel):
+    """A query by a stored shape."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra=FEWER_PAIRS)
+
+    shape_id: Annotated[Id, Field(min_length=1, max_length=64)]
+    measure: MeasureName = DEFAULT_MEASURE
+    classifier: ClassifierName = DEFAULT_CLASSIFIER
+    k: Whole = Field(10, ge=1, le=1000)
+
+
+class ClassCount(BaseModel):
+    """A class and its size."""
+
+    label: str = Field(examples=["cat"])
+    count: int = Field(examples=[6])
+
+
+class ClassList(BaseModel):
+    """The classes of the library."""
+
+    items: list[ClassCount]
+
+
+class MapItem(BaseModel):
+    """A shape and its points on the map."""
+
+    id: Id
+    name: str = Field(examples=["cat-03"])
+    label: str | None = Field(examples=["cat"])
+    point: list[float] = Field(description="By its signature.", examples=[[0.4, -0.1]])
+    original: list[float] = Field(description="By its surface in space, for comparison.", examples=[[0.2, 0.3]])
+
+
+class ShapeMap(BaseModel):
+    """Shapes as points whose distances approximate those of their descriptors (the paper's D_M and Fig. 8)."""
+
+    measure: str = Field(examples=[DEFAULT_MEASURE])
+    stress: float = Field(description="Eq. 2 of the points: 0 if their distances equal those of the descriptors.")
+    original_stress: float = Field(description="Eq. 2 of the originals.")
+    count: int = Field(description="Shapes that could be shown.")
+    items: list[MapItem]
+
+
+class ClassFigures(BaseModel):
+    """The metrics of one class."""
+
+    label: str = Field(examples=["cat"])
+    queries: int
+    members: int = Field(description="Shapes of the class.")
+    accuracy: float = Field(description="Share of queries whose nearest other shape has the same class.")
+    nn: float | None
+    ft: float | None
+    st: float | None
+    e: float | None
+    dcg: float | None
+    map: float | None
+
+
+class Confusion(BaseModel):
+    """Confusions between classes."""
+
+    labels: list[str]
+    counts: list[list[int]] = Field(
+        description="Number of shapes by their class (row) and the class of the nearest other shape (column)."
+    )
+
+
+class PrecisionRecall(BaseModel):
+    """Mean precision at levels of recall."""
+
+    recall: list[float]
+    precision: list[float]
+
+
+class EvaluationResult(BaseModel):
+    """Retrieval metrics of the Princeton Shape Benchmark, for the stored shapes."""
+
+    measure: str = Field(examples=[DEFAULT_MEASURE])
+    nn: float | None = Field(description="Nearest neighbour.")
+    ft: float | None = Field(description="First tier.")
+    st: float | None = Field(description="Second tier.")
+    e: float | None = Field(description="E-measure, of the first 32.")
+    dcg: float | None = Field(description="Discounted cumulative gain.")
+    map: float | None = Field(description="Mean average precision.")
+    accuracy: float = Field(
+        description="Nearest neighbour over all shapes, including those that are alone in their class."
+    )
+    queries: int = Field(description="Number of queries; in a very large library, evenly chosen shapes.")
+    unanswered: int
+    classes: list[ClassFigures]
+    confusion: Confusion | None = Field(description="Null for more than 1000 classes.")
+    precision_recall: PrecisionRecall
+
+
+class Descriptors(BaseModel):
+    """The descriptors of a shape, by measure."""
+
+    descriptors: dict[str, list[float]]
+
+
+class Distances(BaseModel):
+    """Geodesic distances from one vertex, in units of the file."""
+
+    source: int
+    distances: list[float | None] = Field(
+        description="One for each vertex of the file; null if it is unreachable, or if simplification removed it."
+    )
+    target: int | None = None
+    path: list[Annotated[list[float], Field(min_length=3, max_length=3)]] | None = Field(
+        None, description="The minimal path to the target, a polyline on the surface as it was read."
+    )
+
+
+class Capacity(BaseModel):
+    """The load of the service."""
+
+    workers: int
+    running: int = Field(description="Running jobs, some of which wait for a process.")
+    queued: int
+    max_queued: int
+
+
+class Health(BaseModel):
+    """The response of a healthy service."""
+
+    status: Literal["ok"] = "ok"

@@ -1,0 +1,223 @@
+"""Errors as problem documents (RFC 9457), and the table of their HTTP statuses."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+from unbend import errors
+from unbend.api.context import CURRENT_REQUEST, REQUEST_ID
+from unbend.api.schema.headers import headers_for
+
+logger = logging.getLogger("unbend.api")
+
+MEDIA_TYPE: Final = "application/problem+json"
+
+STATUS: Final[dict[type[errors.UnbendError], int]] = {
+    errors.MeshFormatError: 415,
+    errors.MeshError: 422,
+    errors.ParameterError: 422,
+    errors.UnsuitedError: 409,
+    errors.NotFoundError: 404,
+    errors.ChangedError: 412,
+    errors.AccessError: 403,
+    errors.KeyRequiredError: 401,
+    errors.KeyInvalidError: 401,
+    errors.RateLimitError: 429,
+    errors.UploadTooLargeError: 413,
+    errors.UploadTooSlowError: 408,
+    errors.BusyError: 503,
+    errors.QueueFullError: 429,
+    errors.QuotaError: 429,
+    errors.IdempotencyError: 409,
+    errors.JobTimeoutError: 504,
+    errors.JobMemoryError: 507,
+    errors.JobCancelledError: 409,
+    errors.JobError: 500,
+    errors.StoreFullError: 507,
+    errors.TemporaryFullError: 507,
+    errors.StoreError: 503,
+    errors.UnbendError: 500,
+}
+"""HTTP status of each error class; subclasses inherit it."""
+
+
+CHALLENGES: Final[dict[type[errors.UnbendError], str]] = {
+    errors.KeyRequiredError: 'Bearer realm="unbend"',
+    errors.KeyInvalidError: 'Bearer realm="unbend", error="invalid_token"',
+    errors.ScopeError: 'Bearer realm="unbend", error="insufficient_scope", scope="write"',
+}
+"""The WWW-Authenticate header of these errors (RFC 6750, section 3)."""
+
+
+class FieldProblem(BaseModel):
+    """An invalid field of a request."""
+
+    field: str = Field(
+        description="The place of the field, such as body.name or query.limit.", examples=["query.limit"]
+    )
+    message: str
+
+
+class Problem(BaseModel):
+    """An error as a problem document (RFC 9457)."""
+
+    type: str = Field("about:blank", examples=["about:blank"])
+    title: str = Field(examples=["Not Found"])
+    status: int = Field(examples=[404])
+    detail: str = Field(examples=["no shape 0123456789abcdef"])
+    code: str = Field(description="A stable name for programs.", examples=["not_found"])
+    advice: str = Field("", description="What the caller can do.")
+    errors: list[FieldProblem] = Field(default_factory=list, description="The invalid fields.")
+
+
+class MediaTypeError(HTTPException):
+    """The 415 for a body of a type that the endpoint does not accept."""
+
+    def __init__(self, *taken: str) -> None:
+        super().__init__(415, f"send {' or '.join(taken)}")
+
+
+_ROUTING: Final = {404: "there is nothing at this address", 405: "what is at this address does not take {method}"}
+"""Messages that replace those of the router."""
+
+_FULL: Final = "the folder for temporary files has no room for the request's body"
+
+_SHOWN: Final = 10
+"""Most fields in a problem: a request may have thousands of invalid ones."""
+
+_SHOWN_TEXT: Final = 100
+
+_TITLES: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
+"""Titles of statuses whose names differ between versions of Python."""
+
+
+def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI documentation of error responses with these statuses."""
+    schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
+    return {status: {"description": _title(status), "content": {MEDIA_TYPE: schema}} for status in statuses}
+
+
+@contextmanager
+def pointing_at(field: str) -> Iterator[None]:
+    """Set the field of the request on every ParameterError that this block raises."""
+    try:
+        yield
+    except errors.ParameterError as error:
+        error.field = field
+        raise
+
+
+def status_of(error: errors.UnbendError) -> int:
+    """Return the HTTP status of an error."""
+    return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+
+
+def of_status(status: int, detail: str) -> Problem:
+    """Return the problem of an HTTP status."""
+    title = _title(status)
+    return Problem(title=title, status=status, detail=detail, code=title.lower().replace(" ", "_"))
+
+
+def answer(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
+    """Return a problem as a response."""
+    content = problem.model_dump(exclude_defaults=False)
+    return JSONResponse(content, problem.status, headers, media_type=MEDIA_TYPE)
+
+
+def respond(error: errors.UnbendError) -> JSONResponse:
+    """Return the response for an error."""
+    return answer(of_error(error), headers_of(error))
+
+
+def of_error(error: errors.UnbendError) -> Problem:
+    """Return the problem of an error."""
+    status = status_of(error)
+    if status >= 500:
+        logger.error("a request failed: %s", error, exc_info=error)
+    named = isinstance(error, errors.ParameterError) and error.field
+    fields = [FieldProblem(field=named, message=str(error))] if named else []
+    return Problem(
+        title=_title(status), status=status, detail=str(error), code=error.code, advice=error.advice, errors=fields
+    )
+
+
+def headers_of(error: errors.UnbendError) -> dict[str, str] | None:
+    """Return the headers of the response for an error."""
+    if isinstance(error, errors.BusyError | errors.QueueFullError | errors.QuotaError | errors.RateLimitError):
+        return {"Retry-After": str(error.retry_after)}
+    challenge = CHALLENGES.get(type(error))
+    return {"WWW-Authenticate": challenge} if challenge else None
+
+
+def install(app: FastAPI) -> None:
+    """Make `app` respond to every error with a problem document."""
+    app.add_exception_handler(errors.UnbendError, _on_known)
+    app.add_exception_handler(RequestValidationError, _on_validation)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(OSError, _on_system)
+    app.add_exception_handler(Exception, _on_unexpected)
+
+
+async def _on_known(_request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, errors.UnbendError):
+        raise error
+    return respond(error)
+
+
+async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    found = error.errors()
+    fields = [
+        FieldProblem(field=".".join(str(part)[:_SHOWN_TEXT] for part in item["loc"]), message=str(item["msg"]))
+        for item in found[:_SHOWN]
+    ]
+    detail = "; ".join(f"{item.field}: {item.message}" for item in fields)
+    if len(found) > _SHOWN:
+        detail += f"; and {len(found) - _SHOWN} more"
+    return answer(Problem(title=_title(422), status=422, detail=detail, code="request_invalid", errors=fields))
+
+
+async def _on_http(request: Request, error: Exception) -> JSONResponse:
+    if not isinstance(error, HTTPException):
+        raise error
+    if _is_full(error.__cause__) or _is_full(error.__context__):  # FastAPI reports that the body cannot be parsed
+        return respond(errors.TemporaryFullError(_FULL))
+    title, status = _title(error.status_code), error.status_code
+    detail = _ROUTING.get(status, "{}") if error.detail == title else "{}"
+    problem = getattr(error, "problem", None) or of_status(status, detail.format(error.detail, method=request.method))
+    return answer(problem, dict(error.headers or {}))
+
+
+async def _on_system(request: Request, error: Exception) -> JSONResponse:
+    if _is_full(error):
+        return respond(errors.TemporaryFullError(_FULL))
+    return await _on_unexpected(request, error)
+
+
+def _is_full(error: BaseException | None) -> bool:
+    return isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
+    logger.error("a request failed with an unexpected error", exc_info=error)
+    problem = Problem(
+        title=_title(500), status=500, detail="The service failed; its log says why.", code=errors.UnbendError.code
+    )
+    # this response does not pass the middleware that adds them
+    return answer(problem, headers_for(request.url.path) | {REQUEST_ID: CURRENT_REQUEST.get() or ""})
+
+
+def _title(status: int) -> str:
+    return _TITLES.get(status) or HTTPStatus(status).phrase

@@ -1,0 +1,1 @@
+"""The server process: settings, connections, logs, metrics, webhooks, and backups."""

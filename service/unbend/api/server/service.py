@@ -1,0 +1,40 @@
+"""The parts of a server that routes use, and the dependency that provides them."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from unbend.api.server.metrics import Metrics
+from unbend.api.server.settings import Settings
+from unbend.api.server.wait_limit import WaitLimit
+from unbend.jobs import JobRunner
+from unbend.library import Library
+
+
+@dataclass(frozen=True)
+class Service:
+    """The parts of a running server."""
+
+    settings: Settings
+    library: Library
+    runner: JobRunner
+    metrics: Metrics
+    waits: WaitLimit
+    backing_up: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Locked while a request makes a backup."""
+
+
+def service_of(request: Request) -> Service:
+    """Return the service of a request; cheaper than `ServiceDependency`."""
+    return cast("Service", request.app.state.service)
+
+
+async def _service(request: Request) -> Service:  # async, because FastAPI runs sync dependencies in a thread
+    return service_of(request)
+
+
+ServiceDependency = Annotated[Service, Depends(_service)]

@@ -1,0 +1,108 @@
+"""Subscriptions to running jobs and their latest progress; in memory only."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from unbend.progress import Progress
+
+
+class Subscription:
+    """One subscriber to a job."""
+
+    def __init__(self, *, to_progress: bool) -> None:
+        self.to_progress = to_progress
+        """Whether it receives progress, in addition to changes of state."""
+        self._state_event = asyncio.Event()
+        self._any_event = asyncio.Event()
+
+    def notify(self, *, state_changed: bool) -> None:
+        """Notify the subscriber of progress, or of a change of state."""
+        self._any_event.set()
+        if state_changed:
+            self._state_event.set()
+
+    async def wait_for_state(self, seconds: float) -> bool:
+        """Wait up to `seconds` for a change of state; return whether there was one since `clear`."""
+        return await _wait(self._state_event, seconds)
+
+    async def wait(self, seconds: float) -> None:
+        """Wait up to `seconds` for progress or a change of state since `clear`."""
+        await _wait(self._any_event, seconds)
+
+    def clear(self) -> None:
+        """Clear earlier notifications. Call it before reading the job, so that no change is missed."""
+        self._state_event.clear()
+        self._any_event.clear()
+
+
+class Subscriptions:
+    """The subscribers and the latest progress of running jobs. Used within one event loop, except for `report`."""
+
+    def __init__(self) -> None:
+        self.closed = False
+        """Whether all waits have ended for good."""
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._progress: dict[str, Progress] = {}
+        self._subscribers: dict[str, set[Subscription]] = {}
+
+    def open(self) -> None:
+        """Attach to the running event loop."""
+        self._loop = asyncio.get_running_loop()
+
+    def close_soon(self) -> None:
+        """End all waits; safe in any thread and in a signal handler."""
+        if self._loop:
+            self._loop.call_soon_threadsafe(self.close)
+
+    def close(self) -> None:
+        """End all waits."""
+        self.closed = True
+        for job_id in list(self._subscribers):
+            self.notify_state(job_id)
+
+    def report(self, job_id: str, progress: Progress) -> None:
+        """Keep the latest progress of a job, and notify its subscribers; safe in any thread."""
+        self._progress[job_id] = progress
+        # A copy, because the event loop may change the set meanwhile. Waking the loop for nobody would cost more.
+        if self._loop and any(each.to_progress for each in tuple(self._subscribers.get(job_id, ()))):
+            self._loop.call_soon_threadsafe(self._notify, job_id, False)
+
+    def progress(self, job_id: str) -> Progress | None:
+        """Return the latest progress of a running job; None before the first report."""
+        return self._progress.get(job_id)
+
+    def discard(self, job_id: str) -> None:
+        """Discard the progress of a job that no longer runs."""
+        self._progress.pop(job_id, None)
+
+    def notify_state(self, job_id: str) -> None:
+        """Notify the subscribers of a job that its state may have changed."""
+        self._notify(job_id, True)
+
+    @contextmanager
+    def subscribe(self, job_id: str, *, to_progress: bool = False) -> Iterator[Subscription]:
+        """Yield a subscription to a job's changes of state, and to its progress if asked."""
+        subscription = Subscription(to_progress=to_progress)
+        self._subscribers.setdefault(job_id, set()).add(subscription)
+        try:
+            yield subscription
+        finally:
+            subscribers = self._subscribers[job_id]
+            subscribers.remove(subscription)
+            if not subscribers:
+                del self._subscribers[job_id]
+
+    def _notify(self, job_id: str, state_changed: bool) -> None:
+        for subscription in self._subscribers.get(job_id, ()):
+            subscription.notify(state_changed=state_changed)
+
+
+async def _wait(event: asyncio.Event, seconds: float) -> bool:
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            await event.wait()
+    return event.is_set()

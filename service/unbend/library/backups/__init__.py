@@ -1,0 +1,1 @@
+"""Copies of a whole library: backups, restores and exports."""

@@ -1,0 +1,344 @@
+"""Rows of `jobs`: reads and writes within the caller's transaction."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, Literal
+
+from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, update
+from sqlalchemy.engine import Row
+
+from unbend.errors import NotFoundError
+from unbend.library.records import ENDED_STATES, UNFINISHED_STATES, JobFile, JobPage, JobRecord, JobState
+from unbend.library.requests import (
+    JobKind,
+    JobRequest,
+    UploadKey,
+    decode_parameters,
+    decode_policy,
+    decode_request,
+    kind_of,
+)
+from unbend.library.shape_rows import as_seq, delete_unused_mesh
+from unbend.library.storage.log_eraser import mark_erased
+from unbend.library.storage.schema import Instant, job_files, jobs
+from unbend.library.stored_rankings import pack_ranking, unpack_ranking
+from unbend.progress import Progress
+
+Cause = Literal["worker lost", "server lost", "stopped"]
+"""The cause for which a running job returns to the queue: its process died, its server died, or its server stops."""
+
+_BATCH: Final = 500
+"""Jobs that one transaction deletes: other writers wait no longer than that takes."""
+
+_SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
+
+# Built once: building a statement costs more than running it.
+_UNFINISHED = jobs.c.state.in_(UNFINISHED_STATES)
+_ENQUEUE = insert(jobs).returning(*jobs.c)
+_GET = select(jobs).where(jobs.c.id == bindparam("job_id"))
+_SENT = (
+    select(jobs)
+    .where(jobs.c.idempotency == bindparam("idempotency"), jobs.c.created_at >= bindparam("since", type_=Instant()))
+    .order_by(jobs.c.seq.desc())
+)
+_COUNT = select(func.count()).select_from(jobs).where(jobs.c.state == "queued")
+_OWNED = jobs.c.owner.is_not_distinct_from(bindparam("owner"))
+_COUNT_OF = select(func.count()).select_from(jobs).where(_UNFINISHED, _OWNED)
+_COUNT_OF_BEFORE = _COUNT.where(_OWNED, jobs.c.seq < bindparam("seq"))
+_BY_OWNER = (
+    select(jobs.c.owner, func.count().label("number")).where(jobs.c.state == bindparam("state")).group_by(jobs.c.owner)
+)
+_other = jobs.alias("other")
+_COMPUTED_ALREADY = exists().where(
+    _other.c.state == "running",
+    _other.c.kind == "shape",
+    _other.c.mesh_sha256 == jobs.c.mesh_sha256,
+    _other.c.parameters == jobs.c.parameters,
+    _other.c.policy == jobs.c.policy,
+)
+_OLDEST = (
+    select(jobs.c.seq)
+    .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_COMPUTED_ALREADY)
+    .order_by(jobs.c.seq)
+    .limit(1)
+)
+_NTH = (
+    select(jobs.c.seq)
+    .where(jobs.c.state == "queued", _OWNED)
+    .order_by(jobs.c.seq)
+    .limit(1)
+    .offset(bindparam("skipped"))
+)
+_CLAIM = (
+    update(jobs)
+    .where(jobs.c.seq == bindparam("chosen"), jobs.c.state == "queued")
+    .values(
+        state="running", stage="starting", attempts=jobs.c.attempts + 1, started_at=bindparam("now", type_=Instant())
+    )
+    .returning(*jobs.c)
+)
+_FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).returning(*jobs.c)
+
+
+@dataclass(frozen=True)
+class Sender:
+    """The sender of a job, and the hashes that recognise a repeated request."""
+
+    owner: str | None = None
+    """The id of an API key; None if the library needs no keys."""
+    idempotency: str | None = None
+    """A hash of the owner and the idempotency key."""
+    fingerprint: str | None = None
+    """A hash of the request's content."""
+    callback: str | None = None
+    """The URL of a webhook that reports the job's end."""
+
+
+ANONYMOUS: Final = Sender()
+
+
+def enqueue(
+    connection: Connection,
+    *,
+    key: UploadKey,
+    file_type: str,
+    request: JobRequest,
+    sender: Sender = ANONYMOUS,
+    shape_id: str | None = None,
+) -> JobRecord:
+    """Append a job whose mesh is stored already; `shape_id` is the shape that a file is made of."""
+    row = connection.execute(
+        _ENQUEUE,
+        {
+            "id": uuid.uuid4().hex, "kind": kind_of(request), "state": "queued", "stage": "queued", "progress": 0.0,
+            "attempts": 0, "restarts": 0, "mesh_sha256": key.sha256, "file_type": file_type,
+            "parameters": key.parameters, "policy": key.policy, "request": request.as_dict(),
+            "created_at": datetime.now(UTC), "shape_id": shape_id, **vars(sender),
+        },
+    ).one()  # fmt: skip
+    return _record(row)
+
+
+def find_sent(connection: Connection, idempotency: str, since: datetime) -> JobRecord | None:
+    """Return the latest job with this idempotency hash since an instant."""
+    row = connection.execute(_SENT, {"idempotency": idempotency, "since": since}).first()
+    return None if row is None else _record(row, unpack_ranking(connection, row.result))
+
+
+def get_job(connection: Connection, job_id: str) -> JobRecord:
+    """Return a job; NotFoundError if there is none of this id."""
+    row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
+    if row is None:
+        raise NotFoundError(f"no job {job_id}: there is none, or it ended long ago and was deleted")
+    return _record(row, unpack_ranking(connection, row.result))
+
+
+@dataclass(frozen=True)
+class JobFilter:
+    """Conditions on the jobs of a list."""
+
+    state: JobState | None = None
+    kind: JobKind | None = None
+    shape_id: str | None = None
+    owner: str | None = None
+    """The id of an API key; None for the jobs of all."""
+
+
+def list_jobs(connection: Connection, which: JobFilter, *, cursor: str | None, limit: int) -> JobPage:
+    """Return up to `limit` jobs older than `cursor`, the newest first, without their results."""
+    query = select(*_SUMMARY).order_by(jobs.c.seq.desc()).limit(limit + 1)
+    for name, value in vars(which).items():
+        if value is not None:
+            query = query.where(jobs.c[name] == value)
+    if cursor is not None:
+        query = query.where(jobs.c.seq < as_seq(cursor))
+    rows = [_record(row) for row in connection.execute(query)]
+    page = rows[:limit]
+    return JobPage(page, str(page[-1].seq) if len(rows) > limit else None)
+
+
+def positions(connection: Connection, page: Sequence[JobRecord]) -> dict[str, int]:
+    """Return the queue position of each queued job, by id."""
+    found = {job.id: position(connection, job) for job in page if job.state == "queued"}
+    return {job_id: ahead for job_id, ahead in found.items() if ahead is not None}
+
+
+def delete_ended(
+    connection: Connection, *, before: datetime | None = None, keep: int | None = None, owner: str | None = None
+) -> int:
+    """Delete one batch of ended jobs and return its size; call again until it is 0.
+
+    Parameters
+    ----------
+    connection : Connection
+    before : datetime, optional
+        Delete jobs that ended before this instant.
+    keep : int, optional
+        Delete all but the newest `keep` jobs.
+    owner : str, optional
+        Delete only jobs of one API key.
+    """
+    ended = jobs.c.state.in_(ENDED_STATES)
+    if before is not None:
+        which = ended & (jobs.c.finished_at < before)
+    else:
+        newest = (
+            select(jobs.c.seq).where(ended).order_by(jobs.c.seq.desc()).offset(keep or 0).limit(1).scalar_subquery()
+        )
+        which = ended & (jobs.c.seq <= newest)
+    if owner is not None:
+        which &= jobs.c.owner == owner
+    seqs = connection.scalars(select(jobs.c.seq).where(which).limit(_BATCH)).all()
+    connection.execute(delete(jobs).where(jobs.c.seq.in_(seqs)))
+    if seqs:
+        mark_erased(connection, "soon")
+    return len(seqs)
+
+
+def count_queued(connection: Connection) -> int:
+    """Return the number of queued jobs."""
+    return connection.scalar(_COUNT) or 0
+
+
+def count_unfinished(connection: Connection, owner: str) -> int:
+    """Return the number of queued and running jobs of an API key."""
+    return connection.scalar(_COUNT_OF, {"owner": owner}) or 0
+
+
+def claim(connection: Connection) -> JobRecord | None:
+    """Start the next job and return it; None if the queue is empty, or only holds uploads that are computed already.
+
+    API keys take turns: next is the oldest job of the key with the fewest running jobs. An upload waits while an equal
+    one is computed, because nothing is left to compute afterwards.
+    """
+    seq = _next(connection)
+    if seq is None:
+        return None
+    row = connection.execute(_CLAIM, {"chosen": seq, "now": datetime.now(UTC)}).one_or_none()
+    return None if row is None else _record(row)
+
+
+def position(connection: Connection, job: JobRecord) -> int | None:
+    """Return the number of jobs that start before a queued one, as keys take turns; None if it is not queued."""
+    if job.state != "queued":
+        return None
+    running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
+    mine = connection.scalar(_COUNT_OF_BEFORE, {"owner": job.owner, "seq": job.seq}) or 0
+    turn = mine + running.get(job.owner, 0)
+    ahead = mine
+    for owner, count in waiting.items():
+        if owner != job.owner:
+            running_count = running.get(owner, 0)
+            before = min(max(turn - running_count, 0), count)
+            ahead += before
+            if before < count and before + running_count == turn:  # in the same turn, the older job starts first
+                ahead += (connection.scalar(_NTH, {"owner": owner, "skipped": before}) or 0) < job.seq
+    return ahead
+
+
+def _next(connection: Connection) -> int | None:
+    running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
+    for count in sorted({running.get(owner, 0) for owner in waiting}):
+        level = [owner for owner in waiting if running.get(owner, 0) == count]
+        found: list[int | None] = [connection.scalar(_OLDEST, {"owner": owner}) for owner in level]
+        if seqs := [seq for seq in found if seq is not None]:
+            return min(seqs)
+    return None
+
+
+def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
+    return {row.owner: row.number for row in connection.execute(_BY_OWNER, {"state": state})}
+
+
+def requeue(connection: Connection, job_id: str, *, cause: Cause) -> None:
+    """Return a running job to its old place in the queue, and count the loss."""
+    values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
+    if cause != "worker lost":
+        values["attempts"] = jobs.c.attempts - 1
+    if cause == "server lost":
+        values["restarts"] = jobs.c.restarts + 1
+    connection.execute(update(jobs).where(jobs.c.id == job_id, jobs.c.state == "running").values(**values))
+
+
+def finish(
+    connection: Connection,
+    job_id: str,
+    state: JobState,
+    *,
+    error: dict[str, Any] | None = None,
+    result: dict[str, Any] | None = None,
+    shape_id: str | None = None,
+    warnings: Sequence[str] = (),
+    ignored: Sequence[str] = (),
+    file: JobFile | None = None,
+    reached: Progress | None = None,
+) -> JobRecord | None:
+    """End an unfinished job, and delete its mesh if nothing else needs it; None if the job had ended before."""
+    values: dict[str, Any] = {
+        "state": state,
+        "finished_at": datetime.now(UTC),
+        "error": error,
+        "result": pack_ranking(connection, result),
+        "warnings": list(warnings),
+        "ignored": list(ignored),
+        "request": {},  # the shape has its description from now on, and removing the shape must remove it
+    }
+    if state == "succeeded":
+        values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id}
+    elif reached:
+        values |= {"stage": reached.stage, "progress": reached.share}
+    row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
+    if row is None:
+        return None
+    if row.callback is not None:
+        schedule_callback(connection, job_id, attempts=0, due=values["finished_at"])
+    if file is not None:
+        connection.execute(insert(job_files).values(job_seq=row.seq, **vars(file)))
+    if shape_id is None:  # otherwise the shape needs it
+        delete_unused_mesh(connection, row.mesh_sha256)
+    return _record(row, unpack_ranking(connection, row.result))
+
+
+def due_callbacks(connection: Connection, now: datetime, limit: int) -> list[JobRecord]:
+    """Return ended jobs whose webhooks are due, the longest due first."""
+    due = select(*_SUMMARY).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
+    return [_record(row) for row in connection.execute(due)]
+
+
+def schedule_callback(connection: Connection, job_id: str, attempts: int, due: datetime | None) -> None:
+    """Schedule the next attempt at a job's webhook; None after the last."""
+    changed = update(jobs).where(jobs.c.id == job_id).values(callback_attempts=attempts, callback_due=due)
+    connection.execute(changed)
+
+
+def get_file(connection: Connection, job: JobRecord) -> JobFile:
+    """Return the file of a job; NotFoundError if it makes none, has not ended, or ended more than a day ago."""
+    wanted = select(job_files.c.file_type, job_files.c.name, job_files.c.data).where(job_files.c.job_seq == job.seq)
+    row = connection.execute(wanted).one_or_none()
+    if row is None:
+        raise NotFoundError(f"job {job.id} has no file, or none any more: files are kept for a day")
+    return JobFile(**row._asdict())
+
+
+def delete_files(connection: Connection, before: datetime) -> None:
+    """Delete the files of jobs that ended before an instant."""
+    ended = select(jobs.c.seq).where(jobs.c.finished_at < before)
+    if connection.execute(delete(job_files).where(job_files.c.job_seq.in_(ended))).rowcount:
+        mark_erased(connection, "soon")
+
+
+def running_jobs(connection: Connection) -> list[JobRecord]:
+    """Return the jobs that are running in the store."""
+    return [_record(row) for row in connection.execute(select(jobs).where(jobs.c.state == "running"))]
+
+
+def _record(row: Row[Any], result: dict[str, Any] | None = None) -> JobRecord:
+    values = row._asdict() | {"result": result}
+    values["parameters"] = decode_parameters(row.parameters)
+    values["policy"] = decode_policy(row.policy)
+    values["request"] = decode_request(row.kind, row.request)
+    return JobRecord(**values)

@@ -1,0 +1,309 @@
+"""The durable queue of a library's jobs: every change is one transaction of the store's writer."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import Any, Final, TypeVar
+
+from sqlalchemy import Connection
+
+from unbend.errors import IdempotencyError, QueueFullError, QuotaError
+from unbend.library import job_rows, shape_rows
+from unbend.library.job_rows import ANONYMOUS, Cause, JobFilter, Sender
+from unbend.library.records import JobFile, JobPage, JobRecord, JobState, KnownShape, ShapeRecord
+from unbend.library.requests import FileRequest, JobRequest, QueryRequest, ShapeRequest, Upload, UploadKey
+from unbend.library.search.ranking import Ranking
+from unbend.library.shape_rows import ComputedShape
+from unbend.library.storage.store import Store
+from unbend.progress import Progress
+
+T = TypeVar("T")
+
+IDEMPOTENCY: Final = timedelta(hours=24)
+"""Time during which a repeated request gets the job of the first."""
+
+_CLAIMS_A_SECOND: Final = 50
+"""Jobs that a worker finishes in a second at best: for the advice when to retry."""
+
+
+@dataclass(frozen=True)
+class QueueLimits:
+    """Limits on the jobs that a submission may add to."""
+
+    queued: int
+    """Most queued jobs of all."""
+    owned: int | None = None
+    """Most queued and running jobs of the sender's API key; None for no limit."""
+    workers: int = 1
+    """Processes that work on the queue: for the advice when to retry."""
+
+
+@dataclass(frozen=True)
+class NewJob:
+    """A job that a submission added to the queue."""
+
+    job: JobRecord
+
+
+class Jobs:
+    """The queue, states and results of jobs; thread-safe.
+
+    Methods that return a future queue one transaction: its result is on disk when the future has it.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    # Submission
+
+    def submit_shape(
+        self, upload: Upload, request: ShapeRequest, sender: Sender, limits: QueueLimits
+    ) -> Future[NewJob | JobRecord | KnownShape]:
+        """Queue an upload; or return the shape that is stored already, or the job of the repeated request.
+
+        Raises
+        ------
+        QueueFullError
+            If `limits.queued` jobs wait already.
+        QuotaError
+            If the sender has `limits.owned` jobs already.
+        IdempotencyError
+            If the sender sent another request with this idempotency key.
+        StoreFullError
+            If the disk has no space for the file.
+        """
+        key = upload.key  # hashed here, not in the writer's thread
+
+        def submit(connection: Connection) -> NewJob | JobRecord | KnownShape:
+            if earlier := _find_repeated(connection, sender):
+                return earlier
+            if known := shape_rows.find_shape(connection, key):
+                return shape_rows.update_known(connection, known, request)
+            return self._enqueue(connection, upload, request, sender, limits)
+
+        return self._store.submit(submit)
+
+    def submit_query(
+        self, upload: Upload, request: QueryRequest, sender: Sender, limits: QueueLimits
+    ) -> Future[NewJob | JobRecord]:
+        """Queue a query; or return the job of the repeated request. Raises as `submit_shape` does."""
+
+        def submit(connection: Connection) -> NewJob | JobRecord:
+            return _find_repeated(connection, sender) or self._enqueue(connection, upload, request, sender, limits)
+
+        return self._store.submit(submit)
+
+    def submit_file(
+        self, shape: ShapeRecord, request: FileRequest, sender: Sender, limits: QueueLimits
+    ) -> Future[NewJob | JobRecord]:
+        """Queue the making of a file of a stored shape.
+
+        Raises
+        ------
+        NotFoundError
+            If the shape was removed meanwhile.
+        QueueFullError
+            If `limits.queued` jobs wait already.
+        """
+        key = UploadKey.of(shape.sha256, shape.parameters, shape.policy)
+
+        def submit(connection: Connection) -> NewJob | JobRecord:
+            shape_rows.get_shape(connection, shape.id)
+            waiting = job_rows.count_queued(connection)
+            if waiting >= limits.queued:
+                raise QueueFullError(f"{waiting} jobs wait already")
+            return NewJob(
+                job_rows.enqueue(
+                    connection, key=key, file_type=shape.file_type, request=request, sender=sender, shape_id=shape.id
+                )
+            )
+
+        return self._store.submit(submit)
+
+    def _enqueue(
+        self, connection: Connection, upload: Upload, request: JobRequest, sender: Sender, limits: QueueLimits
+    ) -> NewJob:
+        if self._store.disk:
+            self._store.disk.admit_upload(len(upload.data))
+        waiting = job_rows.count_queued(connection)
+        if waiting >= limits.queued:
+            pause = max(1, waiting // (_CLAIMS_A_SECOND * limits.workers))
+            raise QueueFullError(f"{waiting} jobs wait already", retry_after=pause)
+        owned = job_rows.count_unfinished(connection, sender.owner) if limits.owned is not None and sender.owner else 0
+        if limits.owned is not None and owned >= limits.owned:
+            raise QuotaError(f"{limits.owned} jobs of this key wait or run already, as many as it may have")
+        shape_rows.put_mesh(connection, upload.key.sha256, upload.data)
+        job = job_rows.enqueue(connection, key=upload.key, file_type=upload.file_type, request=request, sender=sender)
+        return NewJob(job)
+
+    # Execution
+
+    def claim(self) -> Future[JobRecord | None]:
+        """Start the next job and return it; None if no queued job can start."""
+        return self._store.submit(job_rows.claim)
+
+    def requeue(self, job_id: str, cause: Cause) -> Future[None]:
+        """Return a running job to its place in the queue."""
+        return self._store.submit(partial(job_rows.requeue, job_id=job_id, cause=cause))
+
+    def requeue_all(self) -> Future[None]:
+        """Return every running job to the queue, when the server stops."""
+
+        def requeue(connection: Connection) -> None:
+            for job in job_rows.running_jobs(connection):
+                job_rows.requeue(connection, job.id, cause="stopped")
+
+        return self._store.submit(requeue)
+
+    def recover(self, restarts: int, error: Mapping[str, Any]) -> Future[list[JobRecord]]:
+        """Requeue the jobs of a server that died; return those that fail with `error`, after too many restarts."""
+
+        def recover(connection: Connection) -> list[JobRecord]:
+            failed = []
+            for job in job_rows.running_jobs(connection):
+                if job.restarts < restarts:
+                    job_rows.requeue(connection, job.id, cause="server lost")
+                elif ended := job_rows.finish(connection, job.id, "failed", error=dict(error)):
+                    failed.append(ended)
+            return failed
+
+        return self._store.submit(recover)
+
+    # Results; each returns None if the job ended by another way meanwhile
+
+    def complete_shape(self, job: JobRecord, computed: ComputedShape) -> Future[JobRecord | None]:
+        """Store the results of an upload, and end its job."""
+
+        def complete(connection: Connection) -> JobRecord | None:
+            if job_rows.get_job(connection, job.id).finished:  # cancelled meanwhile
+                return None
+            if shape_rows.find_shape(connection, computed.key):  # another process added it meanwhile
+                return _complete_known(connection, job, computed.key)
+            shape = shape_rows.add_shape(connection, computed, _shape_request(job))
+            return job_rows.finish(connection, job.id, "succeeded", shape_id=shape.id, warnings=shape.warnings)
+
+        return self._store.submit(complete)
+
+    def complete_known(self, job: JobRecord, key: UploadKey) -> Future[JobRecord | None]:
+        """End an upload whose shape is stored already; requeue it if that shape was removed meanwhile."""
+        return self._store.submit(partial(_complete_known, job=job, key=key))
+
+    def complete_query(self, job: JobRecord, ranking: Ranking) -> Future[JobRecord | None]:
+        """Store the ranking of a query, and end its job."""
+        return self._finish(job.id, "succeeded", result=ranking.as_dict(), warnings=ranking.warnings)
+
+    def complete_file(self, job: JobRecord, file: JobFile) -> Future[JobRecord | None]:
+        """Store the file of a job, and end it; NotFoundError if the shape was removed meanwhile."""
+
+        def complete(connection: Connection) -> JobRecord | None:
+            shape_rows.get_shape(connection, job.shape_id or "")
+            return job_rows.finish(connection, job.id, "succeeded", shape_id=job.shape_id, file=file)
+
+        return self._store.submit(complete)
+
+    def fail(self, job_id: str, error: Mapping[str, Any], reached: Progress | None) -> Future[JobRecord | None]:
+        """End a job with an error."""
+        return self._finish(job_id, "failed", error=dict(error), reached=reached)
+
+    def cancel(self, job_id: str, error: Mapping[str, Any], reached: Progress | None) -> Future[JobRecord | None]:
+        """Cancel a job."""
+        return self._finish(job_id, "cancelled", error=dict(error), reached=reached)
+
+    def _finish(self, job_id: str, state: JobState, **values: Any) -> Future[JobRecord | None]:
+        return self._store.submit(lambda connection: job_rows.finish(connection, job_id, state, **values))
+
+    # History
+
+    def delete_ended(
+        self, *, before: datetime | None = None, keep: int | None = None, owner: str | None = None
+    ) -> Future[int]:
+        """Delete a batch of ended jobs, as `job_rows.delete_ended` does; return its size."""
+        return self._store.submit(partial(job_rows.delete_ended, before=before, keep=keep, owner=owner))
+
+    def delete_files(self, before: datetime) -> Future[None]:
+        """Delete the files of jobs that ended before an instant."""
+        return self._store.submit(partial(job_rows.delete_files, before=before))
+
+    def schedule_callback(self, job_id: str, attempts: int, due: datetime | None) -> Future[None]:
+        """Schedule the next attempt at a job's webhook; None after the last."""
+        return self._store.submit(partial(job_rows.schedule_callback, job_id=job_id, attempts=attempts, due=due))
+
+    # Reads
+
+    async def get(self, job_id: str) -> JobRecord:
+        """Return a job; NotFoundError if there is none of this id."""
+        return await self._store.fetch(partial(job_rows.get_job, job_id=job_id))
+
+    async def position(self, job: JobRecord) -> int | None:
+        """Return the number of jobs that start before a queued one; None if it is not queued."""
+        if job.state != "queued":
+            return None
+        return await self._store.fetch(partial(job_rows.position, job=job))
+
+    async def is_known(self, key: UploadKey) -> bool:
+        """Return whether the shape of an upload is stored already."""
+        return await self._store.fetch(partial(shape_rows.find_shape, key=key)) is not None
+
+    async def count_queued(self) -> int:
+        """Return the number of queued jobs."""
+        return await self._store.fetch(job_rows.count_queued)
+
+    async def running(self) -> list[JobRecord]:
+        """Return the jobs that are running in the store."""
+        return await self._store.fetch(job_rows.running_jobs)
+
+    async def due_callbacks(self, limit: int) -> list[JobRecord]:
+        """Return ended jobs whose webhooks are due, the longest due first."""
+        return await self._store.fetch(partial(job_rows.due_callbacks, now=datetime.now(UTC), limit=limit))
+
+    async def page(self, conditions: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
+        """Return up to `limit` jobs without results, the newest first, and the queue positions by id."""
+
+        def load(connection: Connection) -> tuple[JobPage, Mapping[str, int]]:
+            page = job_rows.list_jobs(connection, conditions, cursor=cursor, limit=limit)
+            return page, job_rows.positions(connection, page.items)
+
+        return await self._in_thread(load)
+
+    async def file(self, job: JobRecord) -> JobFile:
+        """Return the file of a job; NotFoundError if it has none, or none any more."""
+        return await self._in_thread(partial(job_rows.get_file, job=job))
+
+    async def _in_thread(self, load: Callable[[Connection], T]) -> T:
+        return await asyncio.to_thread(self._store.load, load)
+
+
+def _find_repeated(connection: Connection, sender: Sender) -> JobRecord | None:
+    if not sender.idempotency:
+        return None
+    earlier = job_rows.find_sent(connection, sender.idempotency, datetime.now(UTC) - IDEMPOTENCY)
+    if earlier and earlier.fingerprint != sender.fingerprint:
+        raise IdempotencyError("another request was sent with this Idempotency-Key")
+    return earlier
+
+
+def _shape_request(job: JobRecord) -> ShapeRequest:
+    if not isinstance(job.request, ShapeRequest):
+        raise TypeError(f"job {job.id} is no upload")
+    return job.request
+
+
+def _complete_known(connection: Connection, job: JobRecord, key: UploadKey) -> JobRecord | None:
+    known = shape_rows.find_shape(connection, key)
+    if known is None:
+        job_rows.requeue(connection, job.id, cause="stopped")
+        return None
+    if job_rows.get_job(connection, job.id).finished:  # cancelled meanwhile
+        return None
+    updated = shape_rows.update_known(connection, known, _shape_request(job))
+    return job_rows.finish(
+        connection, job.id, "succeeded", shape_id=known.id, warnings=known.warnings, ignored=updated.ignored
+    )
+
+
+__all__ = ["ANONYMOUS", "JobFilter", "Jobs", "NewJob", "QueueLimits", "Sender"]

@@ -1,0 +1,198 @@
+"""Requests of jobs as immutable values, and their form in the database."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any, Final, Literal, Self
+
+from unbend.errors import ParameterError
+from unbend.library.metadata import check_changes
+from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
+from unbend.matching.measures import (
+    DEFAULT_MEASURE,
+    Measure,
+    PairMeasure,
+    VectorMeasure,
+    get_measure,
+    get_vector_measure,
+)
+from unbend.mesh.policy import MeshPolicy
+from unbend.signature.parameters import Parameters
+from unbend.signature.signature import ALGORITHM_VERSION
+
+DEFAULT_K: Final = 10
+MAX_PAIRS: Final = 100
+"""Most shapes that a measure of whole shapes returns: each comparison takes milliseconds."""
+
+JobKind = Literal["shape", "query", "file"]
+"""An upload, a query, or the making of a file from a stored shape."""
+
+IfKnown = Literal["keep", "update"]
+"""Whether a shape that is stored already keeps its name, label and metadata, or takes the new ones."""
+
+FileCall = Literal["mesh", "signature", "flattening", "geodesics"]
+"""A kind of file that a job makes of a stored shape."""
+
+
+@dataclass(frozen=True)
+class UploadKey:
+    """The identity of an upload. Uploads with equal keys are computed and stored once."""
+
+    sha256: str
+    parameters: str
+    policy: str
+    version: str = ALGORITHM_VERSION
+
+    @classmethod
+    def of(cls, sha256: str, parameters: Parameters, policy: MeshPolicy) -> Self:
+        """Return the key of a file that this version of the algorithm computes."""
+        return cls(sha256, parameters.to_json(), policy.to_json())
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A mesh file to compute."""
+
+    data: bytes
+    file_type: str
+    """The extension of its name, for content that does not tell its format."""
+    parameters: Parameters = field(default_factory=Parameters)
+    policy: MeshPolicy = field(default_factory=MeshPolicy)
+
+    @cached_property
+    def key(self) -> UploadKey:
+        """The identity of this upload."""
+        return UploadKey.of(hashlib.sha256(self.data).hexdigest(), self.parameters, self.policy)
+
+
+@dataclass(frozen=True)
+class ShapeRequest:
+    """The description of an uploaded shape."""
+
+    name: str
+    label: str | None = None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    sent: Sequence[str] = ()
+    """The fields that the caller gave: of "name", "label", "metadata"."""
+    if_known: IfKnown = "keep"
+
+    @classmethod
+    def of(cls, default_name: str, given: Mapping[str, Any], if_known: IfKnown = "keep") -> Self:
+        """Return a request from the name, label and metadata that a caller gave; None means not given.
+
+        Raises
+        ------
+        ParameterError
+            If one of them cannot be stored.
+        """
+        sent = {name: value for name, value in given.items() if value is not None}
+        described: dict[str, Any] = {"name": default_name} | sent
+        check_changes(described)
+        return cls(**described, sent=tuple(sent), if_known=if_known)
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """The fields that the caller gave, with their values."""
+        return {name: getattr(self, name) for name in self.sent}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the request as JSON values."""
+        return {**vars(self), "metadata": dict(self.metadata), "sent": list(self.sent)}
+
+
+@dataclass(frozen=True)
+class QueryRequest:
+    """A validated query: measure, classifier, and number of shapes.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such measure or classifier, `k` is below 1, or above `MAX_PAIRS` for a measure of whole shapes.
+        `field` names the argument.
+    """
+
+    measure: str = DEFAULT_MEASURE
+    classifier: str = DEFAULT_CLASSIFIER
+    k: int = DEFAULT_K
+
+    def __post_init__(self) -> None:
+        _check("measure", get_measure, self.measure)
+        _check("classifier", get_classifier, self.classifier)
+        if self.k < 1:
+            raise ParameterError(f"k must be at least 1, not {self.k}", field="k")
+        if self.pair_measure and self.k > MAX_PAIRS:
+            raise ParameterError(
+                f"k must be at most {MAX_PAIRS} with {self.measure}, which compares whole shapes, not {self.k}",
+                field="k",
+            )
+
+    @property
+    def vector_measure(self) -> VectorMeasure:
+        """The measure of the search: the default one if `measure` compares whole shapes."""
+        return get_vector_measure(DEFAULT_MEASURE if self.pair_measure else self.measure)
+
+    @property
+    def pair_measure(self) -> PairMeasure | None:
+        """The measure that orders the nearest shapes, if `measure` compares whole shapes."""
+        measure: Measure = get_measure(self.measure)
+        return measure if isinstance(measure, PairMeasure) else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the request as JSON values."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class FileRequest:
+    """A file to make of a stored shape."""
+
+    call: FileCall
+    arguments: Mapping[str, Any]
+    file_type: str
+    name: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the request as JSON values."""
+        return {**vars(self), "arguments": dict(self.arguments)}
+
+
+JobRequest = ShapeRequest | QueryRequest | FileRequest
+
+_TYPES: Final[Mapping[JobKind, type[JobRequest]]] = {
+    "shape": ShapeRequest,
+    "query": QueryRequest,
+    "file": FileRequest,
+}
+
+
+def kind_of(request: JobRequest) -> JobKind:
+    """Return the kind of the job of a request."""
+    return next(kind for kind, type_ in _TYPES.items() if isinstance(request, type_))
+
+
+def decode_request(kind: JobKind, stored: Mapping[str, Any]) -> JobRequest | None:
+    """Return a request from its column in the database; None for a job that has ended."""
+    return _TYPES[kind](**stored) if stored else None
+
+
+@lru_cache(maxsize=256)
+def decode_parameters(stored: str) -> Parameters:
+    """Return parameters from their column in the database."""
+    return Parameters.from_json(stored)
+
+
+@lru_cache(maxsize=256)
+def decode_policy(stored: str) -> MeshPolicy:
+    """Return a reading policy from its column in the database."""
+    return MeshPolicy.from_json(stored)
+
+
+def _check(name: str, get: Any, value: str) -> None:
+    try:
+        get(value)
+    except ParameterError as error:
+        error.field = name
+        raise

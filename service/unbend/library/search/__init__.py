@@ -1,0 +1,71 @@
+"""Search in a library: rankings of queries, evaluation, and the class map."""
+
+from __future__ import annotations
+
+from unbend.library.requests import QueryRequest
+from unbend.library.search.index import IndexKey, SearchIndex
+from unbend.library.search.overview import MapOptions, ShapeMap, evaluation_of, map_of, select
+from unbend.library.search.ranking import Ranking, rank
+from unbend.library.storage.store import Store
+from unbend.matching.evaluate import Evaluation
+from unbend.matching.measures import VectorMeasure, get_vector_measure
+from unbend.matching.measures.vectors import SURFACE_MOMENTS
+from unbend.signature.parameters import Parameters
+from unbend.signature.signature import ALGORITHM_VERSION, Signature
+
+__all__ = ["MapOptions", "Ranking", "Search", "ShapeMap"]
+
+
+class Search:
+    """Search among the shapes of a store, with an index in memory; thread-safe."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._index = SearchIndex()
+
+    def rank(self, query: Signature | str, request: QueryRequest) -> Ranking:
+        """Rank classes and shapes by their distance from a signature, or from the shape with an id.
+
+        Only shapes whose signatures were computed with the query's parameters take part.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such shape.
+        UnsuitedError
+            If the classifier needs more labels.
+        """
+        return rank(self._store, self._index, query, request)
+
+    def evaluation(self, measure: str, parameters: Parameters | None = None) -> Evaluation:
+        """Evaluate retrieval among the labelled shapes computed with `parameters`.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
+        """
+        chosen = get_vector_measure(measure)
+        with self._store.read() as connection:
+            snapshot = self._index.snapshot(connection, _key(chosen, parameters))
+        return evaluation_of(snapshot, chosen)
+
+    def map(self, measure: str, parameters: Parameters | None, options: MapOptions) -> ShapeMap:
+        """Embed the shapes computed with `parameters` so that similar shapes are near each other (Fig. 8).
+
+        Raises
+        ------
+        ParameterError
+            If there is no such measure, or it does not compare vectors.
+        """
+        chosen = get_vector_measure(measure)
+        with self._store.read() as connection:
+            by_measure, in_space = (
+                self._index.snapshot(connection, _key(each, parameters)) for each in (chosen, SURFACE_MOMENTS)
+            )
+            selection = select(connection, by_measure, in_space, options.limit)
+        return map_of(selection, chosen, options)
+
+
+def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:
+    return IndexKey(measure, (parameters or Parameters()).to_json(), ALGORITHM_VERSION)

@@ -1,0 +1,96 @@
+"""Rankings: search by vectors, classes, and a second order of the nearest by measures of whole shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from sqlalchemy import Connection
+
+from unbend.errors import NotFoundError
+from unbend.library import shape_rows
+from unbend.library.records import ShapeMatch
+from unbend.library.requests import QueryRequest
+from unbend.library.search.index import IndexKey, SearchIndex
+from unbend.library.storage.store import Store
+from unbend.matching.classification import ClassMatch, classify
+from unbend.matching.measures import PairMeasure, VectorMeasure
+from unbend.matching.rerank import SHORTLIST, rerank
+from unbend.matching.selection import smallest
+from unbend.signature.signature import Signature
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The classes and shapes nearest to a query, best first."""
+
+    measure: str
+    classes: Sequence[ClassMatch]
+    shapes: Sequence[ShapeMatch]
+    known: bool | None
+    """Whether the best class is near enough; None if the library cannot tell."""
+    warnings: Sequence[str] = ()
+    """Reasons why the ranking may be wrong, and what to do."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the ranking as plain JSON values, in the form of the HTTP contract."""
+        return {  # `asdict` takes longer for a thousand classes than the search
+            "measure": self.measure,
+            "classes": [dict(vars(match)) for match in self.classes],
+            "shapes": [dict(vars(match)) for match in self.shapes],
+            "known": self.known,
+            "warnings": list(self.warnings),
+        }
+
+
+def rank(store: Store, index: SearchIndex, query: Signature | str, request: QueryRequest) -> Ranking:
+    """Rank the content of `store`.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such shape.
+    UnsuitedError
+        If the classifier needs more labels.
+    """
+    measure, pair_measure = request.vector_measure, request.pair_measure
+    key, seq, warnings = _key_of(store, query, measure)
+    with store.read() as connection:
+        snapshot = index.snapshot(connection, key)
+        if isinstance(query, Signature):
+            vector = measure.vector(query.descriptors)
+        else:
+            row = snapshot.row(seq)
+            if row is None:
+                raise NotFoundError(f"no shape {query} that {measure.name} can compare")
+            vector, snapshot = snapshot.gallery.vectors[row], snapshot.without(row)
+        if not len(snapshot):
+            return Ranking(request.measure, [], [], None, warnings)
+        distances = snapshot.distances(vector, measure)
+        nearest = smallest(distances, max(request.k, SHORTLIST) if pair_measure else request.k)
+        matches = shape_rows.get_matches(connection, snapshot.seqs[nearest].tolist(), distances[nearest].tolist())
+        if pair_measure:
+            matches = _reranked(connection, query, matches, pair_measure)[: request.k]
+    found = classify(snapshot.gallery, measure, vector, distances, request.classifier)
+    return Ranking(request.measure, found.matches, matches, found.known, warnings)
+
+
+def _key_of(store: Store, query: Signature | str, measure: VectorMeasure) -> tuple[IndexKey, int, Sequence[str]]:
+    """Return the key of comparable shapes, the query's place in the order of adding (0 if not stored), and warnings."""
+    if isinstance(query, Signature):
+        return IndexKey(measure, query.parameters.to_json(), query.version), 0, query.warnings
+    # In a transaction of its own, because the index's transaction must begin with `SearchIndex.snapshot`.
+    with store.read() as connection:
+        seq, parameters, version, warnings = shape_rows.get_place(connection, query)
+    return IndexKey(measure, parameters, version), seq, warnings
+
+
+def _reranked(
+    connection: Connection, query: Signature | str, matches: Sequence[ShapeMatch], measure: PairMeasure
+) -> list[ShapeMatch]:
+    own = query if isinstance(query, Signature) else shape_rows.get_signature(connection, query)
+    distances = rerank(own, [shape_rows.get_signature(connection, match.id) for match in matches], measure)
+    order = np.argsort(distances, kind="stable").tolist()
+    return [replace(matches[row], distance=float(distances[row])) for row in order]

@@ -1,0 +1,1 @@
+"""Storage: the database, its one writer, its caches and its disk."""

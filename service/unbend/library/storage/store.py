@@ -1,0 +1,198 @@
+"""The store: one database, its connections, transactions and caches."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Hashable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, TypeVar
+
+from sqlalchemy import Connection
+
+from unbend.errors import StoreError, StoreFullError
+from unbend.library.storage.database import is_in_memory, migrate_engine, open_engine, sqlite_file
+from unbend.library.storage.disk import LibraryDisk
+from unbend.library.storage.log_eraser import LogEraser, Urgency, take_mark
+from unbend.library.storage.read_cache import ReadCache
+from unbend.library.storage.transactions import as_store_error, is_open
+from unbend.library.storage.writer import Writer
+
+T = TypeVar("T")
+
+_UNUSED_PAGES = ("freelist_count", "page_size")
+
+
+class Store:
+    """An open database; thread-safe.
+
+    Parameters
+    ----------
+    url : str
+        A path of an SQLite file, or an SQLAlchemy URL.
+    migrate : bool, default True
+        Migrate the database to the present schema first. Worker processes leave that to their parent.
+
+    Raises
+    ------
+    StoreVersionError
+        If a later version of unbend made the store.
+    StoreError
+        If the store cannot be opened.
+    """
+
+    def __init__(self, url: str, *, migrate: bool = True) -> None:
+        self.url = url
+        self._engine = open_engine(url)
+        self._reading = self._engine.execution_options(unbend_reading=True)
+        is_sqlite = self._engine.dialect.name == "sqlite"
+        self._is_in_memory = is_in_memory(url)
+        self._eraser = LogEraser(self._engine) if is_sqlite else None
+        if migrate:
+            migrate_engine(self._engine)
+            self.erase("soon")  # a migration may delete words from the history of jobs
+        self._cache = ReadCache(self._engine) if is_sqlite else None
+        has_file = is_sqlite and not self._is_in_memory
+        self.disk = LibraryDisk(sqlite_file(url).absolute(), self._unused_bytes) if has_file else None
+        self._writer: Writer | None = None
+        self._writer_lock = threading.Lock()
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Yield a connection that sees one unchanging state; StoreError if the database fails."""
+        self.check()
+        with as_store_error(), self._reading.connect() as connection:
+            yield connection
+
+    def submit(self, change: Callable[[Connection], T]) -> Future[T]:
+        """Queue a change for the writer; its result is on disk when the future has it.
+
+        A change may run twice (see `Writer`).
+
+        Raises
+        ------
+        StoreError
+            By the future, if the database cannot keep the change: StoreFullError if its disk is full, StoreLostError if
+            its file is gone.
+        Exception
+            By the future, whatever the change raises.
+        """
+        if self._is_in_memory:  # an in-memory database belongs to one thread
+            return _completed(partial(_Transactions(self).single, change))
+        with self._writer_lock:
+            if self._writer is None:
+                self._writer = Writer(_Transactions(self))
+            return self._writer.submit(change)
+
+    def change(self, change: Callable[[Connection], T]) -> T:
+        """Run a change, and wait until its result is on disk; raises as the future of `submit` does."""
+        return self.submit(change).result()
+
+    def check(self) -> None:
+        """Raise StoreLostError if the library's file was removed or replaced since it was opened."""
+        if self.disk:
+            self.disk.check()
+
+    async def fetch(self, load: Callable[[Connection], T], cache_key: Hashable = None) -> T:
+        """Return the few rows that `load` reads, without blocking the event loop.
+
+        A read of an SQLite file runs in place: it takes less time than a switch to a thread, and waits for no writer.
+
+        Parameters
+        ----------
+        load : callable
+        cache_key : hashable, optional
+            A name for the result. The cache then answers until somebody writes to the store.
+        """
+        if self._cache is None:
+            return await asyncio.to_thread(self.load, load)
+        if cache_key is None:
+            return self.load(load)
+        self.check()
+        with as_store_error():
+            return self._cache.get_or_load(cache_key, lambda: self.load(load))
+
+    def load(self, load: Callable[[Connection], T]) -> T:
+        """Return what `load` reads in a transaction of its own."""
+        with self.read() as connection:
+            return load(connection)
+
+    @contextmanager
+    def driver_connection(self) -> Iterator[Any]:
+        """Yield a connection of the database's driver, outside any transaction."""
+        raw = self._engine.raw_connection()
+        try:
+            yield raw.driver_connection
+        finally:
+            raw.close()
+
+    def erase(self, urgency: Urgency = "now") -> None:
+        """Empty SQLite's write-ahead log, so that it keeps no deleted content; soon, if a reader blocks it."""
+        if self._eraser is not None:
+            self._eraser.erase(urgency)
+
+    def close(self) -> None:
+        """Run the queued changes, and close all connections."""
+        with self._writer_lock:
+            if self._writer:
+                self._writer.close()
+        if self._eraser:
+            self._eraser.close()
+        if self._cache:
+            self._cache.close()
+        self._engine.dispose()
+        if self.disk:
+            self.disk.close()
+
+    def _unused_bytes(self) -> int:
+        with self.read() as connection:
+            pages, size = (connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in _UNUSED_PAGES)
+        return int(pages) * int(size)
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Yield a connection whose changes are committed together when the block ends without an error.
+
+        This is the writer's own transaction; everything else goes through `change` or `submit`.
+        """
+        self.check()
+        with as_store_error(), self._engine.begin() as connection:
+            take_mark(connection)  # a mark that a rolled back transaction left
+            yield connection
+            mark = take_mark(connection)
+            if not is_open(connection):  # SQLite reports no error for a commit of nothing
+                raise StoreError("the database rolled back the transaction")
+        self.check()  # a file that is gone keeps nothing
+        if mark:
+            self.erase(mark)
+
+
+class _Transactions:
+    """The write transactions of a store, for its writer alone."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def batch(self, change: Callable[[Connection], T]) -> T:
+        with self._store.write() as connection:
+            return change(connection)
+
+    def single(self, change: Callable[[Connection], T]) -> T:
+        try:
+            return self.batch(change)
+        except StoreFullError as error:
+            # A refusal by `LibraryDisk.admit` has no cause, and must not use up the reserve: anybody may be refused.
+            if error.__cause__ is None or self._store.disk is None or not self._store.disk.release():
+                raise
+        return self.batch(change)
+
+
+def _completed(function: Callable[[], T]) -> Future[T]:
+    future: Future[T] = Future()
+    try:
+        future.set_result(function())
+    except Exception as error:  # noqa: BLE001  the caller gets it from the future
+        future.set_exception(error)
+    return future

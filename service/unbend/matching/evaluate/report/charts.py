@@ -1,0 +1,286 @@
+"""The charts of the report in SVG coordinates: precision over recall, separation, class maps and confusion matrices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats
+from unbend.matching.evaluate.evaluation import Evaluation
+from unbend.matching.evaluate.metrics import PrecisionRecall
+
+# Curves and classes differ in their marks as well as in their colours. The style sheet has the same number of colours.
+_MARKS: Final = (
+    "M-3.6 0a3.6 3.6 0 1 0 7.2 0a3.6 3.6 0 1 0 -7.2 0z",  # disc
+    "M-3.2-3.2h6.4v6.4h-6.4z",  # square
+    "M0-4.2L4 3.2h-8z",  # triangle
+    "M0-4.6L4.6 0L0 4.6L-4.6 0z",  # diamond
+    "M0 4.2L4-3.2h-8z",  # triangle pointing down
+    "M-4-1.2h2.8v-2.8h2.4v2.8h2.8v2.4h-2.8v2.8h-2.4v-2.8h-2.8z",  # cross
+)
+
+_LEFT, _TOP, _BELOW = 56, 12, 48
+"""Margins of the line charts; the lower one has the labels and the name of the axis."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line of a line chart, with a mark at each point."""
+
+    name: str
+    colour: int
+    mark: str
+    points: tuple[tuple[float, float, float, float], ...]
+    """x and y in the chart, then the two values that they show."""
+
+    @property
+    def line(self) -> str:
+        """The points as an SVG polyline has them."""
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y, _, _ in self.points)
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A grid line in both directions, with its label."""
+
+    text: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class PrecisionRecallChart:
+    """Precision over recall, one curve per measure."""
+
+    ticks: tuple[Tick, ...]
+    curves: tuple[Curve, ...]
+    """Points have recall and precision."""
+    recall: tuple[float, ...]
+    """The levels of recall. All curves have the same, because they depend only on the sizes of classes."""
+    left: int = _LEFT
+    top: int = _TOP
+    right: int = _LEFT + 520
+    bottom: int = _TOP + 340
+    width: int = _LEFT + 520 + 200
+    """Includes the legend on the right."""
+    height: int = _TOP + 340 + _BELOW
+
+
+@dataclass(frozen=True)
+class SeparationChart:
+    """Log ratios over the number of dimensions, one curve per method: Fig. 5."""
+
+    curves: tuple[Curve, ...]
+    """Points have the number of dimensions and the log ratio."""
+    columns: tuple[tuple[int, float], ...]
+    """Numbers of dimensions and their x."""
+    rows: tuple[tuple[str, float], ...]
+    """Log ratios of the grid and their y."""
+    left: int = _LEFT
+    top: int = _TOP
+    right: int = _LEFT + 420
+    bottom: int = _TOP + 240
+    width: int = _LEFT + 420 + 160
+    """Includes the legend on the right."""
+    height: int = _TOP + 240 + _BELOW
+
+
+def precision_recall_chart(by_measure: Mapping[str, PrecisionRecall]) -> PrecisionRecallChart:
+    """Lay out one curve for each measure; both axes go from 0 to 1."""
+    chart = PrecisionRecallChart
+
+    def x(recall: float) -> float:
+        return chart.left + recall * (chart.right - chart.left)
+
+    def y(precision: float) -> float:
+        return chart.top + (1.0 - precision) * (chart.bottom - chart.top)
+
+    return PrecisionRecallChart(
+        ticks=tuple(Tick(f"{tick:.1f}", x(tick), y(tick)) for tick in (tick / 5 for tick in range(6))),
+        curves=tuple(
+            _curve(
+                place,
+                name,
+                [
+                    (x(recall), y(precision), recall, precision)
+                    for recall, precision in zip(each.recall, each.precision, strict=True)
+                ],
+            )
+            for place, (name, each) in enumerate(by_measure.items())
+        ),
+        recall=next(iter(by_measure.values())).recall,
+    )
+
+
+def separation_chart(by_method: Mapping[str, Sequence[float]]) -> SeparationChart:
+    """Lay out one curve for each method, of its log ratios in 1, 2, ... dimensions."""
+    chart, intervals = SeparationChart, 4
+    values = [value for ratios in by_method.values() for value in ratios]
+    low, high = math.floor(min(values)), math.ceil(max(values))
+    high = max(high, low + 1)
+    most = max(len(ratios) for ratios in by_method.values())
+
+    def x(dimensions: int) -> float:
+        return chart.left + (dimensions - 0.5) / most * (chart.right - chart.left)
+
+    def y(value: float) -> float:
+        return chart.top + (high - value) / (high - low) * (chart.bottom - chart.top)
+
+    grid = [low + step * (high - low) / intervals for step in range(intervals + 1)]
+    return SeparationChart(
+        curves=tuple(
+            _curve(place, name, [(x(m), y(value), m, value) for m, value in enumerate(ratios, start=1)])
+            for place, (name, ratios) in enumerate(by_method.items())
+        ),
+        columns=tuple((m, x(m)) for m in range(1, most + 1)),
+        rows=tuple((f"{value:.4g}", y(value)) for value in grid),
+    )
+
+
+def _curve(place: int, name: str, points: Sequence[tuple[float, float, float, float]]) -> Curve:
+    return Curve(name, place % len(_MARKS), _MARKS[place % len(_MARKS)], tuple(points))
+
+
+_MAP_WIDTH, _MAP_HEIGHT, _MAP_EDGE = 460, 360, 24
+_MAX_MAP_SHAPES: Final = 2000
+"""The most shapes that a class map shows. From more, it takes evenly spaced ones."""
+
+
+@dataclass(frozen=True)
+class MapMark:
+    """A shape in a class map."""
+
+    x: float
+    y: float
+    path: str
+    colour: int
+    name: str
+    label: str
+
+
+@dataclass(frozen=True)
+class MapLabel:
+    """The name of a class, written at its shape nearest to the median."""
+
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
+class ClassMapChart:
+    """The class map of one measure."""
+
+    name: str
+    marks: tuple[MapMark, ...]
+    names: tuple[MapLabel, ...]
+    width: int = _MAP_WIDTH
+    height: int = _MAP_HEIGHT
+
+
+def class_map_chart(measure: str, points: Floats, names: Sequence[str], labels: Sequence[str]) -> ClassMapChart:
+    """Lay out shapes at `points` (n, 2), with the same scale on both axes."""
+    fitted = _fit_to_frame(points)
+    classes = {label: place for place, label in enumerate(sorted(set(labels)))}
+    most = _MAX_MAP_SHAPES
+    rows = np.arange(len(points)) if len(points) <= most else np.linspace(0, len(points) - 1, most).astype(int)
+    return ClassMapChart(
+        name=measure,
+        marks=tuple(_map_mark(fitted[row], names[row], labels[row], classes[labels[row]]) for row in rows),
+        names=tuple(_map_label(fitted[[label == other for other in labels]], label) for label in classes),
+    )
+
+
+def _fit_to_frame(points: Floats) -> Floats:
+    low, span = points.min(axis=0), np.ptp(points, axis=0)
+    frame = np.array([_MAP_WIDTH, _MAP_HEIGHT])
+    scale = float(((frame - 2 * _MAP_EDGE) / np.maximum(span, np.finfo(float).tiny)).min()) if span.any() else 1.0
+    margin = (frame - scale * span) / 2
+    return np.asarray(margin + scale * (points - low))
+
+
+def _map_mark(point: Floats, name: str, label: str, place: int) -> MapMark:
+    kinds = len(_MARKS)  # after each six classes the colours repeat, with the next mark
+    return MapMark(float(point[0]), float(point[1]), _MARKS[place // kinds % kinds], place % kinds, name, label)
+
+
+def _map_label(points: Floats, label: str) -> MapLabel:
+    nearest = points[((points - np.median(points, axis=0)) ** 2).sum(axis=1).argmin()]
+    return MapLabel(float(nearest[0]), float(nearest[1]), label)
+
+
+_CELL: Final = 22
+_LONGEST_LABEL: Final = 24
+_LETTER_WIDTH: Final = 6.6  # approximate pixels per letter, at the size that the style sheet gives labels
+
+
+@dataclass(frozen=True)
+class MatrixLabel:
+    """The name of a class, at its row and at its column."""
+
+    text: str
+    short_text: str
+    """Shortened if it is long."""
+    middle: float
+    """Position of the middle of its row or column, from the corner of the matrix."""
+
+
+@dataclass(frozen=True)
+class MatrixCell:
+    """The number of queries of one class whose nearest shape is of another; cells of 0 are not drawn."""
+
+    x: float
+    y: float
+    count: int
+    share: float
+    """Share of the answered queries of the class."""
+    label: str
+    nearest_label: str
+
+    @property
+    def right(self) -> bool:
+        """Whether the cell is on the diagonal."""
+        return self.label == self.nearest_label
+
+
+@dataclass(frozen=True)
+class ConfusionChart:
+    """The confusion matrix of one measure, to the right of and below its labels."""
+
+    margin: float
+    size: float
+    cell: int
+    labels: tuple[MatrixLabel, ...]
+    cells: tuple[MatrixCell, ...]
+
+
+def confusion_chart(evaluation: Evaluation) -> ConfusionChart:
+    """Lay out the confusion matrix of `evaluation`."""
+    counts, names = evaluation.confusion, evaluation.labels
+    totals = counts.sum(axis=1)
+    labels = tuple(MatrixLabel(name, _shorten(name), (place + 0.5) * _CELL) for place, name in enumerate(names))
+    return ConfusionChart(
+        margin=12 + _LETTER_WIDTH * max((len(label.short_text) for label in labels), default=0),
+        size=float(_CELL * len(names)),
+        cell=_CELL,
+        labels=labels,
+        cells=tuple(
+            MatrixCell(
+                x=float(column * _CELL),
+                y=float(row * _CELL),
+                count=int(counts[row, column]),
+                share=float(counts[row, column] / totals[row]),
+                label=names[row],
+                nearest_label=names[column],
+            )
+            for row, column in np.argwhere(counts)
+        ),
+    )
+
+
+def _shorten(name: str) -> str:
+    return name if len(name) <= _LONGEST_LABEL else name[: _LONGEST_LABEL - 1] + "…"

@@ -1,0 +1,39 @@
+"""The one way from a mesh file to its signature: read, then compute."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from unbend.mesh.limits import MeshLimits
+from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.read import read_mesh
+from unbend.mesh.surface import Surface
+from unbend.progress import ProgressCallback
+from unbend.signature.parameters import Parameters
+from unbend.signature.pipeline import compute_signature
+from unbend.signature.signature import Signature
+
+
+@dataclass(frozen=True)
+class FileSignature:
+    """A surface as it was read, with the report of its reading, and its signature."""
+
+    surface: Surface
+    signature: Signature
+
+
+def signature_of_file(
+    source: bytes | str | Path | BinaryIO,
+    parameters: Parameters | None = None,
+    policy: MeshPolicy | None = None,
+    *,
+    file_type: str | None = None,
+    limits: MeshLimits | None = None,
+    progress: ProgressCallback | None = None,
+    threads: int | None = None,
+) -> FileSignature:
+    """Read a mesh and compute its signature; arguments and errors are those of `read_mesh` and `compute_signature`."""
+    surface = read_mesh(source, file_type=file_type, policy=policy, limits=limits, progress=progress)
+    return FileSignature(surface, compute_signature(surface, parameters, progress=progress, threads=threads))

@@ -1,0 +1,1 @@
+"""Helpers of tests: servers, oracles, meshes, and checks that several tests share."""

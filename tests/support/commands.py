@@ -1,0 +1,51 @@
+"""The command line for tests: as a process, or in this one, and what must hold of every call."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import traceback
+
+from click.testing import CliRunner
+
+from tests.support.server import without_settings
+
+
+def unbend(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "unbend", *map(str, arguments)],
+        capture_output=True, text=True, timeout=240, check=False, env=without_settings(**settings),
+    )  # fmt: skip
+
+
+def called(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
+    """The same in this process: for the many calls that would each spend seconds on loading."""
+    from unbend.cli import main
+
+    ours = {name: None for name in os.environ if name.startswith("UNBEND_")}
+    done = CliRunner(env=ours | settings).invoke(main, list(map(str, arguments)))
+    if done.exc_info and not isinstance(done.exception, SystemExit | None):
+        traceback.print_exception(*done.exc_info)
+        return subprocess.CompletedProcess(arguments, 1, done.stdout, f"Traceback: {done.exception!r}")
+    return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
+
+
+def succeeded(*arguments: object, run=unbend, **settings: str) -> subprocess.CompletedProcess[str]:
+    done = run(*arguments, **settings)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "\r" not in done.stderr  # no progress bar where there is no terminal
+    return done
+
+
+def failed_with_a_sentence(done: subprocess.CompletedProcess[str], *words: str, status: int = 1) -> None:
+    assert done.returncode == status, done.stderr
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    first = done.stderr.splitlines()[0] if status == 1 else done.stderr
+    for word in words:
+        assert word in first
+    if status == 1:
+        assert first.startswith("unbend: ")
+        assert len(done.stderr.splitlines()) <= 2  # the sentence and the advice

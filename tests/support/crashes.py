@@ -1,0 +1,127 @@
+"""Killing a real server under load, again and again on one library, and comparing what is there with what it said."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tests.support.footprint import processes_with
+from tests.support.load import Caller, in_threads
+from tests.support.server import LONGEST_SECONDS, Server
+
+_PROCESSES_END_SECONDS = 20.0
+
+
+@dataclass(frozen=True)
+class Crash:
+    """A server that was started, called, and killed."""
+
+    start_seconds: float
+    """Until it answered."""
+    ready: bool
+    """Whether its workers had loaded their kernels when it was killed."""
+    acknowledged: int
+    """Jobs, while it lived."""
+    left_seconds: float
+    """That its processes outlived it."""
+    left_folders: int
+    """For temporary files, while the next server runs."""
+
+
+class Crashes:
+    """A library whose servers are killed, and clients that remember what these had told them."""
+
+    def __init__(self, folder: Path, seed: int, *, callers: int = 4) -> None:
+        self.callers = [Caller(number, seed) for number in range(callers)]
+        self._folder = folder
+        self._random = np.random.default_rng(seed)
+        self._faults: list[str] = []
+
+    @property
+    def faults(self) -> list[str]:
+        """What was not as it must be."""
+        return self._faults + [fault for caller in self.callers for fault in caller.faults]
+
+    def crash(self, *, early: bool = False) -> Crash:
+        """Start a server, compare, call it from all sides, and kill it: `early`, before its workers are ready."""
+        start, before = time.monotonic(), self._acknowledged()
+        with Server(self._folder, ready=False) as server:
+            started = time.monotonic() - start
+            folders = self._compare(server)
+            with self._called(server):
+                if not early:
+                    self._until_ready(server)
+                time.sleep(self._random.uniform(0.2, 2.0))
+                ready = self._is_ready(server)
+                server.kill()
+            killed = time.monotonic()
+            self._until_processes_end(server)
+            ended = time.monotonic() - killed
+        return Crash(started, ready, self._acknowledged() - before, ended, folders)
+
+    def finish(self) -> None:
+        """Start a last server, wait until all jobs have ended, and compare everything."""
+        with Server(self._folder) as server:
+            in_threads(lambda caller=caller: caller.settle(server.url) for caller in self.callers)
+            self._compare(server, everything=True)
+
+    def _compare(self, server: Server, *, everything: bool = False) -> int:
+        for caller in self.callers:
+            caller.check(server.url, everything=everything)
+        with contextlib.closing(sqlite3.connect(server.library)) as connection:
+            found = connection.execute("PRAGMA integrity_check").fetchall()
+            dangling = connection.execute("PRAGMA foreign_key_check").fetchall()
+        if found != [("ok",)] or dangling:
+            self._faults.append(f"the library is damaged: {found} {dangling}")
+        folders = len(list(server.temporary.iterdir()))
+        if folders:
+            self._faults.append(f"{folders} folders for temporary files are left")
+        return folders
+
+    @contextlib.contextmanager
+    def _called(self, server: Server) -> Iterator[None]:
+        calling = threading.Event()
+        calling.set()
+        threads = [
+            threading.Thread(target=caller.run, args=(server.url, calling.is_set), name=f"caller {number}")
+            for number, caller in enumerate(self.callers)
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            yield
+        finally:
+            calling.clear()
+            for thread in threads:
+                thread.join()
+
+    def _until_ready(self, server: Server) -> None:
+        end = time.monotonic() + LONGEST_SECONDS
+        while not self._is_ready(server) and time.monotonic() < end:
+            time.sleep(0.05)
+
+    def _is_ready(self, server: Server) -> bool:
+        with server.http() as http:
+            return http.get("/v1/readyz").is_success
+
+    def _until_processes_end(self, server: Server) -> None:
+        end = time.monotonic() + _PROCESSES_END_SECONDS
+        while left := processes_with(f"TMPDIR={server.temporary}"):
+            if time.monotonic() > end:
+                self._faults.append(f"{len(left)} processes of a killed server live on")
+                for pid in left:
+                    os.kill(pid, signal.SIGKILL)
+                return
+            time.sleep(0.02)
+
+    def _acknowledged(self) -> int:
+        return sum(caller.acknowledged for caller in self.callers)

@@ -10,7 +10,8 @@ ENV PYTHONUNBUFFERED=1 \
 FROM base AS build
 RUN python -m venv /opt/unbend/venv
 WORKDIR /src
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE hatch_build.py ./
+COPY openapi ./openapi
 COPY service ./service
 RUN /opt/unbend/venv/bin/pip install --no-cache-dir . \
  && /opt/unbend/venv/bin/python -m compileall -q /opt/unbend/venv \

@@ -8,7 +8,6 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from fastapi import Depends, FastAPI
-from fastapi.responses import RedirectResponse
 from fastapi_offline import FastAPIOffline
 from starlette.middleware.cors import CORSMiddleware
 
@@ -23,7 +22,7 @@ from unbend.api.middleware.prefix import ASSETS, Prefix
 from unbend.api.middleware.requests import Requests
 from unbend.api.middleware.response_budget import ResponseBudget
 from unbend.api.middleware.security_headers import SecurityHeaders
-from unbend.api.routes import backups, health, jobs, overview, queries, shapes
+from unbend.api.routes import backups, demo, health, jobs, overview, page, pictures, queries, shapes
 from unbend.api.routes.unknown_fields import no_other_parameters
 from unbend.api.schema import problems
 from unbend.api.schema.openapi import install_schema
@@ -94,9 +93,9 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url=ASSETS,
         redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
     )  # fmt: skip
-    for room in (shapes, jobs, queries, overview, backups, health):
-        app.include_router(room.router, prefix=API_PREFIX, dependencies=[Depends(no_other_parameters)])
-    app.add_api_route("/", _to_docs, include_in_schema=False)
+    for routes in (shapes, pictures, jobs, queries, overview, demo, backups, health):
+        app.include_router(routes.router, prefix=API_PREFIX, dependencies=[Depends(no_other_parameters)])
+    app.include_router(page.router, include_in_schema=False)
     _add_middleware(app, chosen, metrics, traces)
     problems.install(app)
     install_schema(app)
@@ -136,7 +135,3 @@ def _open_traces(endpoint: str) -> Traces | None:
     from unbend.api.server.traces import Traces  # noqa: PLC0415  packages of an extra
 
     return Traces(endpoint)
-
-
-async def _to_docs() -> RedirectResponse:
-    return RedirectResponse("/docs")

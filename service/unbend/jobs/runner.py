@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import Future
@@ -12,7 +13,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any, Final, Literal, TypeVar, get_args
 
-from unbend.errors import CallTimeoutError, JobCancelledError, JobTimeoutError, QueueFullError
+from unbend.errors import CallTimeoutError, JobCancelledError, JobTimeoutError, NotFoundError, QueueFullError
 from unbend.jobs.dispatcher import Dispatcher
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
@@ -21,8 +22,9 @@ from unbend.jobs.pool import WorkerPool
 from unbend.jobs.subscriptions import Subscriptions
 from unbend.library import Library
 from unbend.library.jobs import ANONYMOUS, JobFilter, NewJob, QueueLimits, Sender
-from unbend.library.records import JobFile, JobPage, JobRecord, KnownShape, ShapeRecord
+from unbend.library.records import UNFINISHED_STATES, JobFile, JobPage, JobRecord, KnownShape, ShapeRecord
 from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upload
+from unbend.library.shape_rows import MAX_PAGE
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -196,6 +198,27 @@ class JobRunner:
                 subscription.clear()
                 job = await self.status(job_id) if changed else self._live(job)
 
+    async def follow_all(self) -> AsyncIterator[JobRecord | None]:
+        """Yield all unfinished jobs, at most 500, then each job that progresses or changes its state.
+
+        A job is yielded at most four times a second. None is yielded after a few seconds without a change. The
+        iterator ends when the server stops.
+        """
+        with self._subscriptions.subscribe_to_all() as feed:
+            for state in UNFINISHED_STATES:
+                page, _ = await self.page(JobFilter(state=state), cursor=None, limit=MAX_PAGE)
+                for job in reversed(page.items):
+                    yield job
+            while not self._subscriptions.closed:
+                changed = await feed.wait(_HEARTBEAT_SECONDS)
+                for job_id in changed:
+                    with contextlib.suppress(NotFoundError):  # deleted meanwhile
+                        yield await self.status(job_id)
+                if changed:
+                    await asyncio.sleep(_STEP_SECONDS)
+                else:
+                    yield None
+
     async def call(self, function: Callable[..., T], *arguments: object, lane: Lane = "small") -> T:
         """Run a function in a worker process at once, without the queue, while a client waits for it.
 
@@ -259,6 +282,7 @@ class JobRunner:
         found = outcome.job if isinstance(outcome, NewJob) else outcome
         if isinstance(found, JobRecord):
             CURRENT_JOB.set(found.id)
+            self._subscriptions.notify_state(found.id)
         self._dispatcher.wake()
         return found
 

@@ -39,6 +39,31 @@ class Subscription:
         self._any_event.clear()
 
 
+class JobFeed:
+    """One subscriber to all jobs: collects the ids of jobs that changed."""
+
+    def __init__(self) -> None:
+        self._changed: dict[str, None] = {}
+        self._event = asyncio.Event()
+
+    def notify(self, job_id: str) -> None:
+        """Note that a job has progressed, or changed its state."""
+        self._changed[job_id] = None
+        self._event.set()
+
+    def wake(self) -> None:
+        """End a wait without a change."""
+        self._event.set()
+
+    async def wait(self, seconds: float) -> list[str]:
+        """Wait up to `seconds` for a change; return the ids of jobs that changed since the last call, oldest first."""
+        await _wait(self._event, seconds)
+        changed = list(self._changed)
+        self._changed.clear()
+        self._event.clear()
+        return changed
+
+
 class Subscriptions:
     """The subscribers and the latest progress of running jobs. Used within one event loop, except for `report`."""
 
@@ -48,6 +73,7 @@ class Subscriptions:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._progress: dict[str, Progress] = {}
         self._subscribers: dict[str, set[Subscription]] = {}
+        self._feeds: set[JobFeed] = set()
 
     def open(self) -> None:
         """Attach to the running event loop."""
@@ -63,12 +89,15 @@ class Subscriptions:
         self.closed = True
         for job_id in list(self._subscribers):
             self.notify_state(job_id)
+        for feed in self._feeds:
+            feed.wake()
 
     def report(self, job_id: str, progress: Progress) -> None:
         """Keep the latest progress of a job, and notify its subscribers; safe in any thread."""
         self._progress[job_id] = progress
         # A copy, because the event loop may change the set meanwhile. Waking the loop for nobody would cost more.
-        if self._loop and any(each.to_progress for each in tuple(self._subscribers.get(job_id, ()))):
+        heard = self._feeds or any(each.to_progress for each in tuple(self._subscribers.get(job_id, ())))
+        if self._loop and heard:
             self._loop.call_soon_threadsafe(self._notify, job_id, False)
 
     def progress(self, job_id: str) -> Progress | None:
@@ -96,9 +125,21 @@ class Subscriptions:
             if not subscribers:
                 del self._subscribers[job_id]
 
+    @contextmanager
+    def subscribe_to_all(self) -> Iterator[JobFeed]:
+        """Yield a subscription to the progress and changes of state of all jobs."""
+        feed = JobFeed()
+        self._feeds.add(feed)
+        try:
+            yield feed
+        finally:
+            self._feeds.remove(feed)
+
     def _notify(self, job_id: str, state_changed: bool) -> None:
         for subscription in self._subscribers.get(job_id, ()):
             subscription.notify(state_changed=state_changed)
+        for feed in self._feeds:
+            feed.notify(job_id)
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> bool:

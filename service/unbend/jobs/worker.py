@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from unbend.arrays import Floats
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
@@ -29,6 +30,7 @@ from unbend.mesh.read import read_mesh
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
 from unbend.progress import Progress
+from unbend.render.display import display
 from unbend.signature.canonical_form import canonical_form
 from unbend.signature.export import export_form
 from unbend.signature.flattening import export_flattening, flatten
@@ -77,6 +79,8 @@ class Geodesics:
 
     distances: list[float | None]
     path: list[list[float]] | None
+    length: float | None = None
+    """Length of the path."""
 
 
 def initialise(memory_bytes: int | None) -> None:
@@ -132,12 +136,28 @@ def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | 
     """
     surface = _read(mesh)
     start = surface_vertex(surface, source, "source")
-    end = None if target is None else surface_vertex(surface, target, "target")
-    distances = at_given_vertices(surface, geodesic_distances(surface, start, update=update, threads=1)[0])
-    return Geodesics(
-        distances=[float(distance) if np.isfinite(distance) else None for distance in distances],
-        path=None if end is None else geodesic_path(surface, start, end).tolist(),
-    )
+    distances = _distances(surface, start, update)
+    found = [float(distance) if np.isfinite(distance) else None for distance in distances]
+    if target is None:
+        return Geodesics(found, None)
+    path = geodesic_path(surface, start, surface_vertex(surface, target, "target"))
+    return Geodesics(found, path.tolist(), float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()))
+
+
+def geodesic_floats(mesh: StoredMesh, update: Update, source: int) -> bytes:
+    """Return the distances of `geodesics_from` as little-endian floats, NaN for unreachable vertices."""
+    surface = _read(mesh)
+    distances = _distances(surface, surface_vertex(surface, source, "source"), update)
+    return np.where(np.isfinite(distances), distances, np.nan).astype("<f4").tobytes()
+
+
+def _distances(surface: Surface, start: int, update: Update) -> Floats:
+    return at_given_vertices(surface, geodesic_distances(surface, start, update=update, threads=1)[0])
+
+
+def viewer_file(mesh: StoredMesh, signature: Signature, most_faces: int) -> bytes:
+    """Return a stored mesh and its signature as one glb file for viewers."""
+    return display(_read(mesh), signature, most_faces).as_glb()
 
 
 def convert(mesh: StoredMesh, file_type: str) -> bytes:
@@ -166,7 +186,7 @@ def make_file(mesh: StoredMesh, request: FileRequest) -> bytes:
 
 def _geodesics_file(mesh: StoredMesh, update: Update, source: int, target: int | None) -> bytes:
     found = geodesics_from(mesh, update, source, target)
-    return json.dumps({"source": source, "distances": found.distances, "target": target, "path": found.path}).encode()
+    return json.dumps({"source": source, "target": target, **vars(found)}).encode()
 
 
 def _flattening_file(mesh: StoredMesh, parameters: dict[str, Any], file_type: str) -> bytes:

@@ -30,6 +30,9 @@ MAX_PAIRS: Final = 100
 JobKind = Literal["shape", "query", "file"]
 """An upload, a query, or the making of a file from a stored shape."""
 
+ShapeOrder = Literal["oldest", "newest"]
+"""The shape that a list begins with."""
+
 IfKnown = Literal["keep", "update"]
 """Whether a shape that is stored already keeps its name, label and metadata, or takes the new ones."""
 

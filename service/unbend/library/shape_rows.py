@@ -15,7 +15,7 @@ from unbend.errors import ChangedError, NotFoundError, ParameterError
 from unbend.library.metadata import read_metadata
 from unbend.library.packing import PackedSignature, unpack_signature
 from unbend.library.records import UNFINISHED_STATES, KnownShape, ShapeMatch, ShapePage, ShapeRecord
-from unbend.library.requests import ShapeRequest, UploadKey, decode_parameters, decode_policy
+from unbend.library.requests import ShapeOrder, ShapeRequest, UploadKey, decode_parameters, decode_policy
 from unbend.library.storage.log_eraser import mark_erased
 from unbend.library.storage.schema import (
     descriptors,
@@ -216,16 +216,27 @@ def get_matches(connection: Connection, seqs: Sequence[int], distances: Sequence
 
 
 def list_shapes(
-    connection: Connection, *, label: str | None = None, sha256: str | None = None, cursor: str | None, limit: int
+    connection: Connection,
+    *,
+    label: str | None = None,
+    sha256: str | None = None,
+    name: str | None = None,
+    order: ShapeOrder = "oldest",
+    cursor: str | None,
+    limit: int,
 ) -> ShapePage:
-    """Return up to `limit` shapes after `cursor`, in the order they were added."""
-    query = select(*_COLUMNS).select_from(_JOINED).order_by(shapes.c.seq).limit(min(limit, MAX_PAGE) + 1)
+    """Return up to `limit` shapes after `cursor`, in the order they were added, or against it."""
+    place = shapes.c.seq if order == "oldest" else shapes.c.seq.desc()
+    query = select(*_COLUMNS).select_from(_JOINED).order_by(place).limit(min(limit, MAX_PAGE) + 1)
+    if name is not None:
+        query = query.where(shapes.c.name.icontains(name, autoescape=True))
     if label is not None:
         query = query.where(shapes.c.label == label)
     if sha256 is not None:
         query = query.where(signatures.c.mesh_sha256 == sha256)
     if cursor is not None:
-        query = query.where(shapes.c.seq > as_seq(cursor))
+        last = as_seq(cursor)
+        query = query.where(shapes.c.seq > last if order == "oldest" else shapes.c.seq < last)
     rows = [_record(row) for row in connection.execute(query)]
     page = rows[: min(limit, MAX_PAGE)]
     return ShapePage(page, str(page[-1].seq) if len(rows) > len(page) else None)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Collection, Hashable, Mapping
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 from unbend.library import shape_rows
 from unbend.library.metadata import check_changes
 from unbend.library.records import KnownShape, ShapePage, ShapeRecord
-from unbend.library.requests import ShapeRequest, Upload, UploadKey
+from unbend.library.requests import ShapeOrder, ShapeRequest, Upload, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.store import Store
 from unbend.signature.signature import Signature
@@ -45,7 +45,14 @@ class Shapes:
         return self._store.load(partial(shape_rows.find_shape, key=key))
 
     def page(
-        self, *, label: str | None = None, sha256: str | None = None, cursor: str | None = None, limit: int = 100
+        self,
+        *,
+        label: str | None = None,
+        sha256: str | None = None,
+        name: str | None = None,
+        order: ShapeOrder = "oldest",
+        cursor: str | None = None,
+        limit: int = 100,
     ) -> ShapePage:
         """Return up to `limit` (at most 500) shapes after `cursor`, in the order of adding.
 
@@ -55,18 +62,26 @@ class Shapes:
             Only shapes of this class.
         sha256 : str, optional
             Only shapes made from the file with this hash.
+        name : str, optional
+            Only shapes whose name contains this text, in either case.
+        order : {"oldest", "newest"}
+            The shape that comes first.
         cursor : str, optional
-            `next_cursor` of the page before.
+            `next_cursor` of the page before, in the same order.
         limit : int, default 100
 
         Raises
         ------
         ParameterError
-            If `limit` is below 1, or `cursor` is no cursor.
+            If `limit` is below 1, `cursor` is no cursor, or there is no such order.
         """
         if limit < 1:
             raise ParameterError(f"limit must be at least 1, not {limit}")
-        return self._store.load(partial(shape_rows.list_shapes, label=label, sha256=sha256, cursor=cursor, limit=limit))
+        check_choice("order", order, get_args(ShapeOrder))
+        wanted = partial(
+            shape_rows.list_shapes, label=label, sha256=sha256, name=name, order=order, cursor=cursor, limit=limit
+        )
+        return self._store.load(wanted)
 
     def labels(self) -> dict[str, int]:
         """Return the number of shapes of each class."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Final
 
 from fastapi.responses import StreamingResponse
 
-from unbend.api.schema.models import Job
+from unbend.api.schema.models import Job, JobSummary
 from unbend.jobs import JobRunner
 from unbend.library.records import JobRecord
 from unbend.progress import STAGES
@@ -41,6 +41,19 @@ EVENT_SCHEMA: Final = {
     "required": ["id", "data"],
 }
 """The schema of an event in OpenAPI."""
+
+ALL_EVENTS_SCHEMA: Final = {
+    "type": "object",
+    "properties": {
+        "data": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/JobSummary"},
+        },
+    },
+    "required": ["data"],
+}
+"""The schema of an event of `all_events` in OpenAPI."""
 
 
 class EventStream(StreamingResponse):
@@ -79,6 +92,23 @@ async def events(
             # ASCII only: some clients, such as Python's, would split the line at a line separator in a name.
             yield f"id: {current}\ndata: {json.dumps(document)}\n\n"
             last, sent_at = current, now
+        elif now - sent_at >= heartbeat:
+            yield ": nothing new\n\n"
+            sent_at = now
+
+
+async def all_events(
+    runner: JobRunner, may_see: Callable[[JobRecord], bool], *, heartbeat: float = HEARTBEAT_SECONDS
+) -> AsyncIterator[str]:
+    """Yield the events of all jobs that a caller may see, until the server stops."""
+    yield f"retry: {RETRY_MILLISECONDS}\n\n"
+    sent_at = time.monotonic()
+    async for job in runner.follow_all():
+        now = time.monotonic()
+        if job is not None and may_see(job):
+            document = JobSummary.of(job, await runner.position(job)).model_dump(mode="json")
+            yield f"data: {json.dumps(document)}\n\n"
+            sent_at = now
         elif now - sent_at >= heartbeat:
             yield ": nothing new\n\n"
             sent_at = now

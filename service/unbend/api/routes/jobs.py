@@ -11,8 +11,17 @@ from pydantic import AwareDatetime, BeforeValidator
 
 from unbend.api.context import job_path
 from unbend.api.routes.downloads import file_response
-from unbend.api.routes.events import EVENT_SCHEMA, HEADERS, EventStream, event_id, events, parse_id
-from unbend.api.routes.senders import must_see, owner_of
+from unbend.api.routes.events import (
+    ALL_EVENTS_SCHEMA,
+    EVENT_SCHEMA,
+    HEADERS,
+    EventStream,
+    all_events,
+    event_id,
+    events,
+    parse_id,
+)
+from unbend.api.routes.senders import may_see, must_see, owner_of
 from unbend.api.schema.fields import JobId, as_instant
 from unbend.api.schema.headers import DISPOSITION
 from unbend.api.schema.links import job_links, next_page, shape_links
@@ -64,6 +73,30 @@ async def forget_jobs(
 ) -> Forgotten:
     """Delete the jobs that ended before an instant. Their shapes stay."""
     return Forgotten(forgotten=await service.runner.delete_ended(before, owner_of(request)))
+
+
+@router.get(
+    "/events",
+    response_class=EventStream,
+    responses={
+        200: {
+            "description": "Server-Sent Events: `data` is a job without its result, as one line of JSON.",
+            "content": {EventStream.media_type: {"schema": ALL_EVENTS_SCHEMA}},
+        },
+        **problem_responses(503),
+    },
+)
+async def follow_jobs(service: ServiceDependency, request: Request) -> Response:
+    """Follow all jobs in one stream.
+
+    The stream begins with the queued and running jobs. An event follows for each job that is sent, progresses or
+    changes its state, at most four a second for each job. The stream closes when the server stops: reconnect then, and
+    read the jobs that ended meanwhile with `GET /jobs`.
+    """
+    service.waits.check()
+    owner = owner_of(request)
+    followed = service.metrics.counted_stream(all_events(service.runner, lambda job: may_see(owner, job)))
+    return EventStream(service.waits.stream(followed), headers=HEADERS)
 
 
 @router.get(

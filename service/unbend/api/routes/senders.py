@@ -42,10 +42,14 @@ def owner_of(request: Request) -> str | None:
     return None if key is None or key.scope == "admin" else key.id
 
 
+def may_see(owner: str | None, job: JobRecord) -> bool:
+    """Return whether the owner of jobs may see a job: theirs, or one without an owner; all jobs for None."""
+    return not (owner and job.owner and job.owner != owner)
+
+
 def must_see(request: Request, job: JobRecord) -> JobRecord:
     """Return a job; NotFoundError if it belongs to another key."""
-    owner = owner_of(request)
-    if owner and job.owner and job.owner != owner:
+    if not may_see(owner_of(request), job):
         raise NotFoundError(f"no job {job.id}: there is none, or it ended long ago and was deleted")
     return job
 

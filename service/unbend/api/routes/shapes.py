@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Annotated, Any, Final, get_args
+from typing import Annotated, Any, Final, Literal, get_args
 
 from fastapi import APIRouter, Depends, File, Form, Header, Query, Request, Response, UploadFile
 from fastapi.responses import JSONResponse
@@ -36,11 +36,11 @@ from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import Service, ServiceDependency, service_of
 from unbend.geodesics.distances import Update
 from unbend.jobs.runner import Lane
-from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
+from unbend.jobs.worker import StoredMesh, convert, flattened, geodesic_floats, geodesics_from, whole_form
 from unbend.library import records
 from unbend.library.jobs import Sender
 from unbend.library.records import ShapeRecord
-from unbend.library.requests import FileRequest, IfKnown, ShapeRequest
+from unbend.library.requests import FileRequest, IfKnown, ShapeOrder, ShapeRequest
 from unbend.names import MAX_TEXT
 from unbend.signature.export import export_signature
 
@@ -92,7 +92,7 @@ async def upload_shape(
     file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
     name: Annotated[str, Form(max_length=MAX_TEXT, description="The file's own by default.")] = "",
     label: Annotated[
-        str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.", examples=["cat"])
+        str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.")
     ] = "",
     metadata: Annotated[MetadataText, Form()] = None,
     parameters: Annotated[ParametersText, Form()] = None,
@@ -136,10 +136,16 @@ def list_shapes(
     sha256: Annotated[
         str | None, Query(pattern=r"^[0-9a-f]{64}$", description="Only shapes made from the file with this hash.")
     ] = None,
+    name: Annotated[
+        str | None, Query(max_length=MAX_TEXT, description="Only shapes whose name contains this text, in either case.")
+    ] = None,
+    order: Annotated[ShapeOrder, Query(description="The shape that comes first.")] = "oldest",
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> ShapePage:
-    """List shapes in the order of adding."""
-    page = service.library.shapes.page(label=label, sha256=sha256, cursor=cursor, limit=limit)
+    """List shapes in the order of adding, or the newest first."""
+    page = service.library.shapes.page(
+        label=label, sha256=sha256, name=name, order=order, cursor=cursor, limit=limit
+    )
     return ShapePage(items=[Shape.of(record) for record in page.items], next_cursor=page.next_cursor)
 
 
@@ -231,7 +237,7 @@ async def get_mesh(
         return await _respond_async(
             service, request, record, FileRequest("mesh", {"file_type": wanted}, wanted, record.name)
         )
-    data = await service.runner.call(convert, _stored(service, record), wanted, lane=_lane(record))
+    data = await service.runner.call(convert, stored_mesh(service, record), wanted, lane=lane_of(record))
     return file_response(data, wanted, record.name)
 
 
@@ -253,7 +259,7 @@ async def get_signature(
         )
     signature = await asyncio.to_thread(service.library.shapes.signature, shape_id)
     if whole:
-        data = await service.runner.call(whole_form, _stored(service, record), signature, wanted, lane="large")
+        data = await service.runner.call(whole_form, stored_mesh(service, record), signature, wanted, lane="large")
     else:
         data = await asyncio.to_thread(export_signature, signature, wanted)
     return file_response(data, wanted, f"{record.name}-{'form' if whole else 'signature'}")
@@ -274,7 +280,7 @@ async def get_flattening(
         return await _respond_async(
             service, request, record, FileRequest("flattening", arguments, wanted, f"{record.name}-flattened")
         )
-    data = await service.runner.call(flattened, _stored(service, record), record.parameters, wanted, lane="large")
+    data = await service.runner.call(flattened, stored_mesh(service, record), record.parameters, wanted, lane="large")
     return file_response(data, wanted, f"{record.name}-flattened")
 
 
@@ -288,7 +294,11 @@ def get_descriptors(service: ServiceDependency, shape_id: ShapeId) -> Descriptor
 @router.get(
     "/{shape_id}/geodesics",
     response_model=Distances,
-    responses={202: _AS_JOB, **problem_responses(404, 409, 422, 429, 504, 507)},
+    responses={
+        200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
+        202: _AS_JOB,
+        **problem_responses(404, 409, 422, 429, 504, 507),
+    },
 )
 async def get_geodesics(
     service: ServiceDependency,
@@ -297,6 +307,11 @@ async def get_geodesics(
     source: Annotated[int, Query(ge=0, le=2**31 - 1, description="A vertex of the file, counted from 0.")],
     target: Annotated[int | None, Query(ge=0, le=2**31 - 1, description="A vertex to find the path to.")] = None,
     update: Annotated[Update, Query(description="How fast marching crosses a triangle.")] = "spherical",
+    distances: Annotated[bool, Query(description="Send the distances; false leaves only the path.")] = True,
+    format: Annotated[  # noqa: A002
+        Literal["json", "f32"],
+        Query(description="`f32`: only the distances, as little-endian floats of 4 bytes, NaN for null."),
+    ] = "json",
 ) -> Any:
     """Return the geodesic distances from one vertex to all, and the minimal path to `target`."""
     record = await asyncio.to_thread(service.library.shapes.get, shape_id)
@@ -304,13 +319,18 @@ async def get_geodesics(
         arguments = {"update": update, "source": source, "target": target}
         wanted = FileRequest("geodesics", arguments, "json", f"{record.name}-geodesics-{source}")
         return await _respond_async(service, request, record, wanted)
-    stored = _stored(service, record)
-    found = await service.runner.call(geodesics_from, stored, update, source, target, lane=_lane(record))
+    stored, lane = stored_mesh(service, record), lane_of(record)
+    if format == "f32":
+        data = await service.runner.call(geodesic_floats, stored, update, source, lane=lane)
+        return Response(data, media_type="application/octet-stream")
+    found = await service.runner.call(geodesics_from, stored, update, source, target, lane=lane)
     path: Any = found.path
-    return Distances(source=source, distances=found.distances, target=target, path=path)
+    shown = found.distances if distances else None
+    return Distances(source=source, distances=shown, target=target, path=path, length=found.length)
 
 
-def _lane(record: ShapeRecord) -> Lane:
+def lane_of(record: ShapeRecord) -> Lane:
+    """Return the lane for calls that read a shape's file."""
     return "large" if record.size > _SMALL_FILE else "small"
 
 
@@ -321,5 +341,6 @@ async def _respond_async(service: Service, request: Request, record: ShapeRecord
     return await accepted(service, job, {"Preference-Applied": "respond-async"})
 
 
-def _stored(service: Service, record: ShapeRecord) -> StoredMesh:
+def stored_mesh(service: Service, record: ShapeRecord) -> StoredMesh:
+    """Return a shape's file for a worker."""
     return StoredMesh(service.library.url, record.sha256, record.file_type, record.policy)

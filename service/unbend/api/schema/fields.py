@@ -48,7 +48,6 @@ class ParametersFields(BaseModel):
     model_config = ConfigDict(
         extra="forbid",
         json_schema_extra={
-            "examples": [{"samples": 300}],
             "allOf": [
                 _with(["classical", "fast"], starts={"const": 0}, weights={"enum": ["equal", "area"]}),
                 _with(["fast"], weights={"const": "equal"}),
@@ -77,7 +76,7 @@ class ParametersFields(BaseModel):
 class PolicyFields(BaseModel):
     """Policy of reading a file; missing fields have their defaults."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"components": "bridge"}]})
+    model_config = ConfigDict(extra="forbid")
 
     components: Components = Field("largest", description="Of several: keep the largest, link them, or refuse.")
     max_vertices: Annotated[int, Field(ge=FEWEST_VERTICES)] | None = Field(
@@ -95,7 +94,7 @@ def _inline(model: type[BaseModel], description: str) -> dict[str, Any]:
 
 _PARAMETERS: Final = _inline(ParametersFields, "Parameters of the signature, as a JSON object.")
 _POLICY: Final = _inline(PolicyFields, "How to read the file, as a JSON object.")
-_METADATA: Final = {"type": "object", "description": "Anything, as a JSON object.", "examples": [{"scanner": "A"}]}
+_METADATA: Final = {"type": "object", "description": "Anything, as a JSON object."}
 
 ParametersText = Annotated[str | None, WithJsonSchema(_PARAMETERS)]
 """JSON text in a form: OpenAPI defines an object in a form as a part of the type application/json."""

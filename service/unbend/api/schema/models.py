@@ -293,13 +293,21 @@ class Distances(BaseModel):
     """Geodesic distances from one vertex, in units of the file."""
 
     source: int
-    distances: list[float | None] = Field(
-        description="One for each vertex of the file; null if it is unreachable, or if simplification removed it."
+    distances: list[float | None] | None = Field(
+        description="One for each vertex of the file; null if it is unreachable, or if simplification removed it. Null "
+        "in place of all with `distances=false`."
     )
     target: int | None = None
     path: list[Annotated[list[float], Field(min_length=3, max_length=3)]] | None = Field(
         None, description="The minimal path to the target, a polyline on the surface as it was read."
     )
+    length: float | None = Field(None, description="Length of the path.")
+
+
+class DemoJobs(BaseModel):
+    """The jobs that compute the demo shapes."""
+
+    jobs: int = Field(description="Number of jobs sent; shapes that are stored already need none.", examples=[21])
 
 
 class Capacity(BaseModel):

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from typing import Annotated, cast
+from typing import Annotated, Final, cast
 
 from fastapi import Depends, Request
 
+from unbend.api.server.byte_cache import ByteCache
 from unbend.api.server.metrics import Metrics
 from unbend.api.server.settings import Settings
 from unbend.api.server.wait_limit import WaitLimit
 from unbend.jobs import JobRunner
 from unbend.library import Library
+
+
+_PICTURE_BYTES: Final = 2**26
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,8 @@ class Service:
     waits: WaitLimit
     backing_up: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Locked while a request makes a backup."""
+    pictures: ByteCache = field(default_factory=lambda: ByteCache(_PICTURE_BYTES))
+    """Pictures and views of shapes."""
 
 
 def service_of(request: Request) -> Service:

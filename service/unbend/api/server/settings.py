@@ -26,7 +26,7 @@ ENVIRONMENT_PREFIX: Final = "UNBEND_"
 
 _ORIGIN: Final = re.compile(r"(https?)://([a-z0-9._-]+|\[[0-9a-f:.]+\])(?::([1-9][0-9]{0,4}))?")
 _ROOT: Final = re.compile(r"(/[A-Za-z0-9._~-]+)+")
-_OWN_PATHS: Final = (["v1"], ["docs"], ["redoc"], ["openapi.json"], ["docs-assets"])
+_OWN_PATHS: Final = (["v1"], ["assets"], ["docs"], ["redoc"], ["openapi.json"], ["docs-assets"])
 _STANDARD_PORTS: Final = {"http": "80", "https": "443"}
 _MOST_WORKERS: Final = 256
 _MANY: Final = 10**9

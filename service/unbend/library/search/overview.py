@@ -69,7 +69,7 @@ class ShapeMap:
     original_stress: float
     """Eq. 2 of the originals."""
     count: int
-    """Shapes that could be options."""
+    """Shapes that could be on the map."""
     items: list[MapItem]
 
     def as_dict(self) -> dict[str, Any]:

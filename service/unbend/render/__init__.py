@@ -1,0 +1,1 @@
+"""Pictures of surfaces and signatures, and files for viewers."""

@@ -1,0 +1,132 @@
+"""A shape as one file for viewers: its surface, its signature, and the numbers of its vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Floats, Indices, Ints
+from unbend.errors import MeshGeometryError
+from unbend.mesh.formats import gltf_writing
+from unbend.mesh.simplify import simplify
+from unbend.mesh.surface import Surface
+from unbend.signature.canonical_form import canonical_form
+from unbend.signature.orientation import orient_form
+from unbend.signature.signature import Signature
+
+MOST_FACES: Final = 60_000
+"""Most faces of a view by default: enough for a screen, and seconds of computing."""
+
+_SHOWN_DIMENSIONS: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Display:
+    """A surface for viewing, perhaps simplified, with its signature at every vertex."""
+
+    vertices: Floats
+    """Its vertices around `centre`, (k, 3), in the unit of the file."""
+    faces: Ints
+    """Its triangles, (f, 3)."""
+    form: Floats
+    """The canonical form of its vertices, (k, m), in the unit and the orientation of the surface."""
+    numbers: Indices
+    """The vertex of the file at each of its vertices, (k,)."""
+    centre: Floats
+    """The point of the file that is the origin here, (3,)."""
+    full_faces: int
+    """Faces of the surface before simplification."""
+
+    def as_glb(self) -> bytes:
+        """Return a glb file with the attributes `_FORM`, `_VERTEX` and, above three dimensions, `_MORE`."""
+        extra = {"_FORM": _columns(self.form, 0), "_VERTEX": self.numbers[:, None].astype(np.float64)}
+        if self.form.shape[1] > 3:
+            extra["_MORE"] = _columns(self.form, 3)
+        about = {
+            "centre": self.centre.tolist(),
+            "dimensions": self.form.shape[1],
+            "faces": len(self.faces),
+            "full_faces": self.full_faces,
+        }
+        return gltf_writing.write(self.vertices, self.faces, None, None, extra=extra, about=about)
+
+
+def display(surface: Surface, signature: Signature, most_faces: int = MOST_FACES) -> Display:
+    """Return a surface for viewing, simplified to about `most_faces` faces, with its signature.
+
+    The canonical form is that of the simplified surface: simplification hardly changes geodesic distances, and the
+    cost does not grow with the size of the scan.
+
+    Parameters
+    ----------
+    surface : Surface
+    signature : Signature
+        The signature of `surface`.
+    most_faces : int
+
+    Raises
+    ------
+    MeshGeometryError
+        If the surface cannot be simplified that far.
+    """
+    shown, chosen = _simplified(surface, most_faces)
+    try:
+        form = canonical_form(shown, signature=_moved(signature, surface, shown, chosen), threads=1).points
+    except MeshGeometryError:  # simplification separated parts that only a vertex connected
+        form = canonical_form(surface, signature=signature, threads=1).points[chosen]
+    low, high = shown.vertices.min(axis=0), shown.vertices.max(axis=0)
+    centre = (low + high) / 2
+    around = shown.vertices - centre
+    oriented = orient_form(form * signature.scale, around)
+    return Display(around, shown.faces, oriented, _numbers(surface)[chosen], centre, len(surface.faces))
+
+
+def _simplified(surface: Surface, most_faces: int) -> tuple[Surface, Indices]:
+    """Return the surface without unused vertices, simplified if it is large, and the old vertex at each new one."""
+    if len(surface.faces) <= most_faces:
+        used = surface.used_vertices
+        place = np.zeros(len(surface.vertices), np.int64)
+        place[used] = np.arange(len(used))
+        return Surface(surface.vertices[used], place[surface.faces]), used
+    found = simplify(surface, max(4, most_faces // 2))
+    merged = np.flatnonzero(found.vertex_map >= 0)
+    into = found.vertex_map[merged]
+    away = ((surface.vertices[merged] - found.vertices[into]) ** 2).sum(axis=1)
+    nearest = np.lexsort((away, into))  # by new vertex, the nearest old vertex first
+    first = np.searchsorted(into[nearest], np.arange(len(found.vertices)))
+    return Surface(found.vertices, found.faces), merged[nearest][first]
+
+
+def _moved(signature: Signature, surface: Surface, shown: Surface, chosen: Indices) -> Signature:
+    """Return the signature with its samples at vertices of the simplified surface."""
+    place = np.full(len(surface.vertices), -1)
+    place[chosen] = np.arange(len(chosen))
+    samples = place[signature.samples]
+    lost = np.flatnonzero(samples < 0)
+    for sample in lost:
+        away = ((shown.vertices - surface.vertices[signature.samples[sample]]) ** 2).sum(axis=1)
+        samples[sample] = int(away.argmin())
+    _, kept = np.unique(samples, return_index=True)
+    kept.sort()
+    return replace(
+        signature, points=signature.points[kept], samples=samples[kept], weights=signature.weights[kept],
+        faces=np.empty((0, 3), np.int32),
+    )  # fmt: skip
+
+
+def _numbers(surface: Surface) -> Indices:
+    """Return the first vertex of the file at each vertex of the surface."""
+    if surface.vertex_map is None:
+        return np.arange(len(surface.vertices))
+    numbers = np.zeros(len(surface.vertices), np.int64)
+    there = np.flatnonzero(surface.vertex_map >= 0)[::-1]  # the last assignment wins
+    numbers[surface.vertex_map[there]] = there
+    return numbers
+
+
+def _columns(form: Floats, start: int) -> Floats:
+    """Return three columns of the form, zero where it has fewer."""
+    part = form[:, start : min(start + 3, _SHOWN_DIMENSIONS)]
+    return np.hstack([part, np.zeros((len(part), 3 - part.shape[1]))])

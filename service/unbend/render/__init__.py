@@ -1,0 +1,1 @@
+"""Pictures of surfaces and signatures, drawn without a display."""

@@ -30,7 +30,9 @@ from unbend.mesh.read import read_mesh
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
 from unbend.progress import Progress
-from unbend.render.display import display
+from unbend.render.display import MOST_FACES, display, simplified_form
+from unbend.render.picture import render_picture
+from unbend.render.request import PictureRequest
 from unbend.signature.canonical_form import canonical_form
 from unbend.signature.export import export_form
 from unbend.signature.flattening import export_flattening, flatten
@@ -153,6 +155,14 @@ def geodesic_floats(mesh: StoredMesh, update: Update, source: int) -> bytes:
 
 def _distances(surface: Surface, start: int, update: Update) -> Floats:
     return at_given_vertices(surface, geodesic_distances(surface, start, update=update, threads=1)[0])
+
+
+def draw_picture(mesh: StoredMesh, signature: Signature | None, request: PictureRequest) -> bytes:
+    """Return a picture of a stored mesh, and of its signature if one is given."""
+    surface, form = _read(mesh), None
+    if signature is not None:
+        surface, form, _ = simplified_form(surface, signature, MOST_FACES)
+    return render_picture(request, surface, form, threads=1)
 
 
 def viewer_file(mesh: StoredMesh, signature: Signature, most_faces: int) -> bytes:

@@ -1,1 +1,1 @@
-"""Pictures of surfaces and signatures, and files for viewers."""
+"""Pictures of surfaces and signatures, drawn without a display."""

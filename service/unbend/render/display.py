@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from unbend.errors import MeshGeometryError
 from unbend.mesh.formats import gltf_writing
 from unbend.mesh.simplify import simplify
 from unbend.mesh.surface import Surface
-from unbend.signature.canonical_form import canonical_form
-from unbend.signature.orientation import orient_form
+from unbend.render.picture import form_in_space
+from unbend.render.upright import upright_axis
+from unbend.signature.canonical_form import CanonicalForm, canonical_form
 from unbend.signature.signature import Signature
 
 MOST_FACES: Final = 60_000
@@ -31,11 +32,15 @@ class Display:
     faces: Ints
     """Its triangles, (f, 3)."""
     form: Floats
-    """The canonical form of its vertices, (k, m), in the unit and the orientation of the surface."""
+    """The canonical form of its vertices, (k, 3 or more), in the unit and the orientation of the surface."""
+    dimensions: int
+    """Dimensions of the signature."""
     numbers: Indices
     """The vertex of the file at each of its vertices, (k,)."""
     centre: Floats
     """The point of the file that is the origin here, (3,)."""
+    up: Literal["y", "z"]
+    """The upright axis of the surface."""
     full_faces: int
     """Faces of the surface before simplification."""
 
@@ -46,7 +51,8 @@ class Display:
             extra["_MORE"] = _columns(self.form, 3)
         about = {
             "centre": self.centre.tolist(),
-            "dimensions": self.form.shape[1],
+            "dimensions": self.dimensions,
+            "up": self.up,
             "faces": len(self.faces),
             "full_faces": self.full_faces,
         }
@@ -55,9 +61,6 @@ class Display:
 
 def display(surface: Surface, signature: Signature, most_faces: int = MOST_FACES) -> Display:
     """Return a surface for viewing, simplified to about `most_faces` faces, with its signature.
-
-    The canonical form is that of the simplified surface: simplification hardly changes geodesic distances, and the
-    cost does not grow with the size of the scan.
 
     Parameters
     ----------
@@ -71,16 +74,36 @@ def display(surface: Surface, signature: Signature, most_faces: int = MOST_FACES
     MeshGeometryError
         If the surface cannot be simplified that far.
     """
-    shown, chosen = _simplified(surface, most_faces)
-    try:
-        form = canonical_form(shown, signature=_moved(signature, surface, shown, chosen), threads=1).points
-    except MeshGeometryError:  # simplification separated parts that only a vertex connected
-        form = canonical_form(surface, signature=signature, threads=1).points[chosen]
+    shown, form, chosen = simplified_form(surface, signature, most_faces)
     low, high = shown.vertices.min(axis=0), shown.vertices.max(axis=0)
     centre = (low + high) / 2
-    around = shown.vertices - centre
-    oriented = orient_form(form * signature.scale, around)
-    return Display(around, shown.faces, oriented, _numbers(surface)[chosen], centre, len(surface.faces))
+    points = np.hstack([form_in_space(form, shown), form.points[:, 3:] * signature.scale])
+    return Display(
+        shown.vertices - centre, shown.faces, points, form.points.shape[1], _numbers(surface)[chosen], centre,
+        upright_axis(shown), len(surface.faces),
+    )  # fmt: skip
+
+
+def simplified_form(
+    surface: Surface, signature: Signature, most_faces: int
+) -> tuple[Surface, CanonicalForm, Indices]:
+    """Return a surface of about `most_faces` faces, its canonical form, and the vertex of `surface` at each of its own.
+
+    The canonical form is that of the simplified surface: simplification hardly changes geodesic distances, and the
+    cost does not grow with the size of the scan.
+
+    Raises
+    ------
+    MeshGeometryError
+        If the surface cannot be simplified that far.
+    """
+    shown, chosen = _simplified(surface, most_faces)
+    moved = _moved(signature, surface, shown, chosen)
+    try:
+        return shown, canonical_form(shown, signature=moved, threads=1), chosen
+    except MeshGeometryError:  # simplification separated parts that only a vertex connected
+        points = canonical_form(surface, signature=signature, threads=1).points[chosen]
+        return shown, CanonicalForm(points, shown.faces, moved), chosen
 
 
 def _simplified(surface: Surface, most_faces: int) -> tuple[Surface, Indices]:

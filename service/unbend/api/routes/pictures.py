@@ -17,8 +17,8 @@ from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import ServiceDependency
 from unbend.jobs.worker import draw_picture, viewer_file
 from unbend.library.records import ShapeRecord
-from unbend.render.display import MOST_FACES
 from unbend.render.colours import ThemeName
+from unbend.render.display import MOST_FACES
 from unbend.render.request import Format, PictureRequest, Subject
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
@@ -79,7 +79,8 @@ async def get_view(
     Beside its position, each vertex has three attributes: `_FORM` is its place in the signature (the first three
     dimensions, in the unit and the orientation of the surface), `_MORE` the dimensions 4 to 6 if there are any, and
     `_VERTEX` its number in the uploaded file. The member `extras` of the asset has the `centre` of the file that is
-    the origin here, the `dimensions` of the signature, the axis that points `up`, and the numbers of `faces` here and of `full_faces`.
+    the origin here, the `dimensions` of the signature, the axis that points `up`, and the numbers of `faces` here and
+    in the file (`full_faces`).
     """
     record = await asyncio.to_thread(service.library.shapes.get, shape_id)
 

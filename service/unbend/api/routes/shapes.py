@@ -91,9 +91,7 @@ async def upload_shape(
     request: Request,
     file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
     name: Annotated[str, Form(max_length=MAX_TEXT, description="The file's own by default.")] = "",
-    label: Annotated[
-        str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.")
-    ] = "",
+    label: Annotated[str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.")] = "",
     metadata: Annotated[MetadataText, Form()] = None,
     parameters: Annotated[ParametersText, Form()] = None,
     policy: Annotated[PolicyText, Form()] = None,
@@ -143,9 +141,7 @@ def list_shapes(
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> ShapePage:
     """List shapes in the order of adding, or the newest first."""
-    page = service.library.shapes.page(
-        label=label, sha256=sha256, name=name, order=order, cursor=cursor, limit=limit
-    )
+    page = service.library.shapes.page(label=label, sha256=sha256, name=name, order=order, cursor=cursor, limit=limit)
     return ShapePage(items=[Shape.of(record) for record in page.items], next_cursor=page.next_cursor)
 
 

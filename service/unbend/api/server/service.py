@@ -15,7 +15,6 @@ from unbend.api.server.wait_limit import WaitLimit
 from unbend.jobs import JobRunner
 from unbend.library import Library
 
-
 _PICTURE_BYTES: Final = 2**26
 
 

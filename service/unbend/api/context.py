@@ -25,6 +25,7 @@ PROBES: Final = frozenset({f"{API_PREFIX}/livez", f"{API_PREFIX}/readyz", f"{API
 
 _PUBLIC: Final = frozenset({f"{API_PREFIX}/livez", f"{API_PREFIX}/readyz"})
 _METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+_STORING_NOTHING: Final = frozenset({f"{API_PREFIX}/queries", f"{API_PREFIX}/views"})
 _READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -34,8 +35,8 @@ def is_guarded(path: str) -> bool:
 
 
 def scope_of(method: str, path: str) -> Literal["read", "write"]:
-    """Return the scope that a request needs. A query only reads, because it stores no shape."""
-    return "read" if method in _READING or (method, path) == ("POST", f"{API_PREFIX}/queries") else "write"
+    """Return the scope that a request needs. A query or a view of a file only reads, because it stores no shape."""
+    return "read" if method in _READING or (method == "POST" and path in _STORING_NOTHING) else "write"
 
 
 def method_of(scope: Scope) -> str:

@@ -153,6 +153,20 @@ def geodesic_floats(mesh: StoredMesh, update: Update, source: int) -> bytes:
     return np.where(np.isfinite(distances), distances, np.nan).astype("<f4").tobytes()
 
 
+def viewer_file_of(
+    data: bytes, file_type: str, parameters: Parameters, policy: MeshPolicy, limits: MeshLimits, most_faces: int
+) -> bytes:
+    """Return a file that is not stored, and its signature, as one glb file for viewers.
+
+    Raises
+    ------
+    MeshError
+        If the mesh cannot be used.
+    """
+    found = signature_of_file(data, parameters, policy, file_type=file_type, limits=limits, threads=1)
+    return display(found.surface, found.signature, most_faces).as_glb()
+
+
 def _distances(surface: Surface, start: int, update: Update) -> Floats:
     return at_given_vertices(surface, geodesic_distances(surface, start, update=update, threads=1)[0])
 

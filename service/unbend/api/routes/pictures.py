@@ -7,21 +7,24 @@ import hashlib
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
+from pydantic import WithJsonSchema
 
-from unbend.api.routes.downloads import is_known
+from unbend.api.routes.downloads import is_known, sends
 from unbend.api.routes.shapes import lane_of, stored_mesh
-from unbend.api.schema.fields import ShapeId
+from unbend.api.routes.unknown_fields import refuse_others
+from unbend.api.routes.uploads import read_upload
+from unbend.api.schema.fields import FILE, FILE_ENCODING, ParametersText, PolicyText, ShapeId
 from unbend.api.schema.headers import ETAG
 from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import ServiceDependency
-from unbend.jobs.worker import draw_picture, viewer_file
+from unbend.jobs.worker import draw_picture, viewer_file, viewer_file_of
 from unbend.library.records import ShapeRecord
 from unbend.render.colours import ThemeName
 from unbend.render.display import MOST_FACES
 from unbend.render.request import Format, PictureRequest, Subject
 
-router = APIRouter(prefix="/shapes", tags=["shapes"])
+router = APIRouter(tags=["shapes"])
 
 _DRAWING_VERSION: Final = "1"
 """It changes when the same shape and options would give other bytes."""
@@ -39,7 +42,7 @@ def _responses(*media_types: str) -> dict[int | str, dict[str, Any]]:
     }
 
 
-@router.get("/{shape_id}/thumbnail", response_class=Response, responses=_responses("image/webp", "image/png"))
+@router.get("/shapes/{shape_id}/thumbnail", response_class=Response, responses=_responses("image/webp", "image/png"))
 async def get_thumbnail(
     service: ServiceDependency,
     request: Request,
@@ -65,7 +68,7 @@ async def get_thumbnail(
     return await _cached(service, request, record, ("thumbnail", wanted), f"image/{format}", draw)
 
 
-@router.get("/{shape_id}/view", response_class=Response, responses=_responses("model/gltf-binary"))
+@router.get("/shapes/{shape_id}/view", response_class=Response, responses=_responses("model/gltf-binary"))
 async def get_view(
     service: ServiceDependency,
     request: Request,
@@ -91,6 +94,36 @@ async def get_view(
         )
 
     return await _cached(service, request, record, ("view", faces), "model/gltf-binary", make)
+
+
+@router.post(
+    "/views",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "The file.",
+            "content": {"model/gltf-binary": {"schema": {"type": "string", "format": "binary"}}},
+        },
+        **problem_responses(415, 422, 429, 504, 507),
+    },
+    openapi_extra={"requestBody": {"content": {"multipart/form-data": {"encoding": FILE_ENCODING}}}},
+    dependencies=[Depends(sends("multipart/form-data"))],
+)
+async def view_file(
+    service: ServiceDependency,
+    request: Request,
+    file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
+    parameters: Annotated[ParametersText, Form()] = None,
+    policy: Annotated[PolicyText, Form()] = None,
+) -> Response:
+    """Return the view of a mesh that is not stored: the glb file that `GET /shapes/{shape_id}/view` describes."""
+    refuse_others("body", await request.form(), frozenset({"file", "parameters", "policy"}))
+    upload = await read_upload(file, parameters, policy)
+    data = await service.runner.call(
+        viewer_file_of, upload.data, upload.file_type, upload.parameters, upload.policy, service.settings.limits.mesh,
+        MOST_FACES, lane="large",
+    )  # fmt: skip
+    return Response(data, media_type="model/gltf-binary")
 
 
 async def _cached(

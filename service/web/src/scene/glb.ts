@@ -10,7 +10,7 @@ export interface Mesh {
   /** Number of each vertex in the file. */
   numbers: Float32Array | null;
   uv: Float32Array | null;
-  about: { centre?: [number, number, number]; dimensions?: number; faces?: number; full_faces?: number };
+  about: { up?: string; centre?: [number, number, number]; dimensions?: number; faces?: number; full_faces?: number };
 }
 
 interface Layout {

@@ -1,7 +1,7 @@
 /** Files and whole folders, dropped or picked, and the question how to label them. */
 
 import { isMesh, upload, type Upload } from "../jobs";
-import { button, field, h, plural } from "./dom";
+import { button, h, plural } from "./dom";
 import { ask, notify } from "./notices";
 
 interface Found {

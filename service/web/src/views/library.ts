@@ -145,8 +145,6 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     empty.replaceChildren(...(all || !complete ? [] : [invitation()]));
     if (all && !shown.length) empty.replaceChildren(h("p", { class: "hint" }, "No shape fits this search."));
     for (const id of selected) if (!cards.has(id)) selected.delete(id);
-    drawn.clear();
-    grid.replaceChildren();
     draw();
   }
 
@@ -167,7 +165,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     );
   }
 
-  const drawn = new Map<number, HTMLElement>();
+  const drawn = new Map<string, HTMLLIElement>();
 
   /** Put the visible cards into the document, and take out all others. */
   function draw(): void {
@@ -179,26 +177,29 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     const top = grid.getBoundingClientRect().top;
     const first = Math.max(0, Math.floor((-top - step) / step)) * columns;
     const last = Math.min(shown.length, (Math.ceil((innerHeight - top) / step) + 1) * columns);
-    for (const [place, card] of drawn) {
-      if ((place < first || place >= last) && !card.contains(document.activeElement)) {
-        card.remove();
-        drawn.delete(place);
+    const visible = new Set(shown.slice(first, last).map((card) => card.id));
+    for (const [id, item] of drawn) {
+      if (!visible.has(id)) {
+        item.remove();
+        drawn.delete(id);
       }
     }
     for (let place = first; place < last; place++) {
-      let card = drawn.get(place);
-      if (!card) {
-        card = make(shown[place]!, place);
-        drawn.set(place, card);
+      const { id } = shown[place]!;
+      const card = drawn.get(id) ?? make(shown[place]!);
+      if (!drawn.has(id)) {
+        drawn.set(id, card);
         grid.append(card);
       }
+      card.setAttribute("aria-setsize", String(shown.length));
+      card.setAttribute("aria-posinset", String(place + 1));
       card.style.width = `${size}px`;
       card.style.left = `${(place % columns) * (size + CARD.gap)}px`;
       card.style.top = `${Math.floor(place / columns) * step}px`;
     }
   }
 
-  function make(card: Card, place: number): HTMLElement {
+  function make(card: Card): HTMLLIElement {
     const box = h("input", {
       type: "checkbox", checked: selected.has(card.id), "aria-label": `Select ${card.name}`,
       onclick: (event) => choose(card, box.checked, event.shiftKey),
@@ -206,7 +207,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     const caption = h("div", { class: "caption" });
     const item = h(
       "li",
-      { class: "card", "aria-setsize": shown.length, "aria-posinset": place + 1 },
+      { class: "card" },
       box,
       h("a", { href: `#/shape/${card.id}`, class: "picture", tabindex: -1, "aria-hidden": "true" }, thumbnail(card.id, "")),
       caption,
@@ -239,7 +240,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
         onsubmit: (event) => {
           event.preventDefault();
           const changes = { name: name.value.trim() || card.name, label: to.value.trim() || null };
-          void change([card], () => changes).then(() => caption.querySelector("a")?.focus());
+          void change([card], () => changes).then(() => drawn.get(card.id)?.querySelector<HTMLElement>("a.name")?.focus());
         },
         onkeydown: (event) => event.key === "Escape" && (describe(card, caption), caption.querySelector("button")?.focus()),
       },
@@ -259,6 +260,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
       try {
         const record = await sendJson<Shape>("PATCH", `shapes/${card.id}`, changes(card));
         Object.assign(card, { name: record.name, label: record.label });
+        redraw(card.id);
         done++;
       } catch (error) {
         report(error);
@@ -273,6 +275,17 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     }
   }
 
+  /** Draw a card anew. */
+  function redraw(id: string): void {
+    drawn.get(id)?.remove();
+    drawn.delete(id);
+  }
+
+  /** Show in the boxes of all cards what is selected. */
+  function check(): void {
+    for (const [id, item] of drawn) item.querySelector<HTMLInputElement>("input[type=checkbox]")!.checked = selected.has(id);
+  }
+
   function choose(card: Card, on: boolean, range: boolean): void {
     const from = range && anchor ? shown.findIndex((each) => each.id === anchor) : -1;
     const to = shown.indexOf(card);
@@ -282,7 +295,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
       else selected.delete(each.id);
     }
     anchor = card.id;
-    if (chosen.length > 1) arrange();
+    check();
     drawBar();
   }
 
@@ -291,11 +304,11 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     const here = (): Card[] => [...selected].flatMap((id) => cards.get(id) ?? []);
     bar.replaceChildren(
       h("strong", {}, `${selected.size} selected`),
-      button("Select all shown", () => (shown.forEach((card) => selected.add(card.id)), arrange(), drawBar()), { class: "quiet" }),
+      button("Select all shown", () => (shown.forEach((card) => selected.add(card.id)), check(), drawBar()), { class: "quiet" }),
       button("Set class", () => void relabel(here()), { class: "plain" }),
       button("Download", () => void download(here()), { class: "plain" }),
       button("Remove", () => remove(here()), { class: "plain danger" }),
-      button("Clear", () => (selected.clear(), arrange(), drawBar()), { class: "quiet" }),
+      button("Clear", () => (selected.clear(), check(), drawBar()), { class: "quiet" }),
     );
   }
 

@@ -107,7 +107,14 @@ class Server:
     """`unbend serve` on a free port of this machine, ready after its construction."""
 
     def __init__(
-        self, folder: Path, *, workers: int = 2, ready: bool = True, host: str = "127.0.0.1", **settings: object
+        self,
+        folder: Path,
+        *,
+        workers: int = 2,
+        ready: bool = True,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        **settings: object,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.library = folder / "library.db"
@@ -123,7 +130,7 @@ class Server:
             "unbend",
             "serve",
             "--port",
-            "0",
+            str(port),
             "--host",
             host,
             "--library",

@@ -2,7 +2,7 @@
 
 import { getJson, key, server, setKey } from "./api/client";
 import { follow, restart } from "./jobs";
-import { ask, report } from "./ui/notices";
+import { ask, describe, report } from "./ui/notices";
 import { button, field, h } from "./ui/dom";
 
 export interface View {
@@ -45,6 +45,8 @@ const skip = h("a", { class: "skip", href: "#main" }, "Skip to the content");
 skip.addEventListener("click", (event) => (event.preventDefault(), main.focus()));
 document.body.prepend(skip, header, banner, main);
 
+const SLOW_MS = 150;
+
 let current = new AbortController();
 
 async function show(): Promise<void> {
@@ -59,6 +61,7 @@ async function show(): Promise<void> {
     else link.removeAttribute("aria-current");
   }
   main.setAttribute("aria-busy", "true");
+  const slow = setTimeout(() => main.replaceChildren(h("p", { class: "hint loading" }, "Loading …")), SLOW_MS);
   try {
     const view = await (await load())(parts, new URLSearchParams(search), signal);
     if (signal.aborted) return;
@@ -68,19 +71,18 @@ async function show(): Promise<void> {
   } catch (error) {
     if (signal.aborted) return;
     main.replaceChildren(failure(error));
-    report(error);
   } finally {
+    clearTimeout(slow);
     if (!signal.aborted) main.removeAttribute("aria-busy");
   }
 }
 
 function failure(error: unknown): HTMLElement {
-  const text = error instanceof Error ? error.message : "This could not be shown.";
   return h(
     "section",
     { class: "empty" },
     h("h1", {}, "This could not be shown"),
-    h("p", {}, text),
+    h("p", {}, describe(error)),
     h("div", { class: "row" }, button("Try again", () => void show(), { class: "primary" }), h("a", { href: "#/library" }, "To the library")),
   );
 }

@@ -227,6 +227,7 @@ export class Viewer {
     }
     this.renderer.dispose();
     this.renderer.forceContextLoss();
+    this.canvas.remove();
   }
 
   /** Draw in the next frame. */

@@ -21,7 +21,7 @@ export async function beside(
   const { element, viewer } = await stage(contents, first.about.up ?? "z", label, fallback, signal);
   if (!viewer) return element;
   const { placeColours } = await import("../scene/colours");
-  align(first.form!, second.form!).forEach((form, pane) => viewer.colour({ kind: "colours", rgb: placeColours(form, 2.2) }, pane));
+  align(first.form!, second.form!).forEach((form, pane) => viewer.colour({ kind: "colours", rgb: placeColours(form, 1.7) }, pane));
   const bend = h("input", {
     type: "range", min: 0, max: 1, step: 0.01, value: 0, "aria-label": "Bend both into their signatures",
     oninput: () => [0, 1].forEach((pane) => viewer.bend(pane, Number(bend.value))),

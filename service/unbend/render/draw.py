@@ -87,8 +87,12 @@ def render_scene(
 def check_size(size: Size) -> None:
     """Raise ParameterError unless width and height are whole numbers from 16 to 2048."""
     for name, value in zip(("width", "height"), size, strict=True):
-        if isinstance(value, bool) or not isinstance(value, int) or not SMALLEST <= value <= LARGEST:
+        if not _is_whole(value) or not SMALLEST <= value <= LARGEST:
             raise ParameterError(f"{name} must be a whole number from {SMALLEST} to {LARGEST}, not {value!r}")
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True, eq=False)

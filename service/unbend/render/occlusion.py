@@ -12,7 +12,7 @@ REACH: Final = 0.05
 """Distance, as a share of the picture's shorter side, within which parts of the surface shade each other."""
 
 _STRENGTH: Final = 0.85
-_DIRECTIONS: Final = 8  # half of them; the other half are opposite
+_DIRECTIONS: Final = 8  # and as many opposite ones
 _STEPS: Final = 4  # along each
 
 
@@ -20,8 +20,8 @@ _STEPS: Final = 4  # along each
 def darken(first, stop, depth, coverage, per_length, reach, light):
     """Fill rows of `light` (h, w): the share of the light from around that reaches each pixel.
 
-    In each of eight directions and its opposite, the horizon is where the surface rises steepest towards the eye. A plane
-    has opposite horizons that add up to nothing, however it is turned, so no normals are needed.
+    In each of eight directions and its opposite, the horizon is where the surface rises steepest towards the eye.
+    Opposite horizons of a plane add up to nothing, however it is turned, so no normals are needed.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ _WEBP_QUALITY: Final = 90
 def render_picture(
     request: PictureRequest, surface: Surface, form: CanonicalForm | None = None, *, threads: int | None = None
 ) -> bytes:
-    """Draw a surface, its signature, or one beside the other, and return the file.
+    r"""Draw a surface, its signature, or one beside the other, and return the file.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def render_picture(
     >>> from unbend.mesh.shapes import torus
     >>> from unbend.render.request import PictureRequest
     >>> render_picture(PictureRequest(width=64, height=48), torus())[:4]
-    b'\\x89PNG'
+    b'\x89PNG'
     """
     return encode(render_pixels(request, surface, form, threads=threads), request.format)
 
@@ -187,7 +187,7 @@ def _side_by_side(
     """Return the items of each place, in a row from left to right, and the points that the camera must show."""
     used = surface.used_vertices
     radius = TUBE_RADIUS * float(np.linalg.norm(np.ptp(surface.vertices[used], axis=0))) or 1.0
-    widths = [np.ptp((place.points[used] @ axes[0])) for place in places]
+    widths = [np.ptp(place.points[used] @ axes[0]) for place in places]
     items: list[Item] = []
     shown = []
     edge = 0.0

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, get_args
 
-import numpy as np
-
 from unbend.errors import ParameterError, check_choice
 from unbend.jsons import JsonObject
 from unbend.render.colours import ThemeName
@@ -82,7 +80,8 @@ class PictureRequest(JsonObject):
         if self.azimuth is not None:
             _check_angle("azimuth", self.azimuth, 360)
         _check_angle("elevation", self.elevation, 90)
-        if not isinstance(self.contours, bool):
+        contours: object = self.contours
+        if not isinstance(contours, bool):
             raise ParameterError(f"contours must be true or false, not {self.contours!r}")
         self._check_field()
         self._check_path()
@@ -107,7 +106,8 @@ class PictureRequest(JsonObject):
     def _check_path(self) -> None:
         if self.path is None:
             return
-        ends = tuple(self.path) if isinstance(self.path, list | tuple) else ()
+        given: object = self.path
+        ends = tuple(given) if isinstance(given, list | tuple) else ()
         if len(ends) != 2 or not all(_is_vertex(end) for end in ends):
             raise ParameterError(f"path must be the numbers of two vertices, not {self.path!r}")
         object.__setattr__(self, "path", ends)  # JSON has lists only
@@ -121,6 +121,5 @@ def _is_vertex(value: object) -> bool:
 
 
 def _check_angle(name: str, value: object, most: float) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not np.isfinite(value) or abs(value) > most:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:  # refuses NaN
         raise ParameterError(f"{name} must be a number of degrees from -{most} to {most}, not {value!r}")

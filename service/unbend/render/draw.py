@@ -29,6 +29,8 @@ LARGEST: Final = 2048
 CONTOUR_WIDTH: Final = 0.0045
 """Width of a contour seen from above, as a share of the picture's shorter side."""
 
+_FINEST: Final = 1.4  # pixels, the least width of a contour
+
 
 def render_scene(
     scene: Scene, camera: Camera, size: Size, theme: Theme, *, threads: int | None = None
@@ -129,7 +131,7 @@ def _drawn(scene: Scene, camera: Camera, size: Size, theme: Theme, threads: int 
     starts, order = sort_into_bands(seen, triangles.faces, float(width * SAMPLES), bands)
     depth = np.full((height, width), -np.inf, np.float32)
     unknown, ink = (to_linear(np.array(each)) for each in (theme.unknown, theme.contour))
-    half = CONTOUR_WIDTH * camera.span / 2
+    half = max(CONTOUR_WIDTH, _FINEST / min(size)) * camera.span / 2
 
     def draw(part: slice) -> None:
         draw_bands(

@@ -27,7 +27,7 @@ _RIM_STRENGTH: Final = 0.28
 _SKY: Final = 0.40  # ambient light from above and from below
 _GROUND: Final = 0.20
 _SHINE: Final = 0.10
-_BACK: Final = 0.82  # the inner side of an open surface is darker
+_MATT: Final = 0.3  # gloss of a surface with a field, so that its colours can be read
 _INK: Final = 0.72  # how much of a contour's colour covers the surface
 
 
@@ -121,7 +121,7 @@ def _nearest_faces(seen, faces, listed, top, nearest, depth):
 
 @inlined
 def _light(nx, ny, nz):
-    """Return the light on a surface with a unit normal in the camera's axes: white, warm key and cool fill apart."""
+    """Return the light on a surface with a unit normal in the camera's axes: of the key, of the fill, from around."""
     key = max(0.0, (nx * _KEY[0] + ny * _KEY[1] + nz * _KEY[2] + 0.22) / 1.22) * _KEY_STRENGTH
     fill = max(0.0, (nx * _FILL[0] + ny * _FILL[1] + nz * _FILL[2] + 0.40) / 1.40) * _FILL_STRENGTH
     ambient = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * ny)
@@ -219,13 +219,9 @@ def draw_bands(
                             blue += (ink[2] - blue) * _INK
 
                 key, fill, ambient = _light(nx, ny, nz)
-                gloss = _gloss(nx, ny, nz)
-                outside = 1.0 if side > 0 else _BACK
-                warm, cool = (
-                    (key * 1.04 + fill * 0.92 + ambient) * outside,
-                    (key * 0.94 + fill * 1.10 + ambient) * outside,
-                )
-                middle = (key + fill + ambient) * outside
+                gloss = _gloss(nx, ny, nz) * (1.0 if steps[item] < 0 else _MATT)
+                warm, cool = key * 1.04 + fill * 0.92 + ambient, key * 0.94 + fill * 1.10 + ambient
+                middle = key + fill + ambient
                 picture[pixel_row, pixel, 0] += min(1.0, red * warm + gloss) * part
                 picture[pixel_row, pixel, 1] += min(1.0, green * middle + gloss) * part
                 picture[pixel_row, pixel, 2] += min(1.0, blue * cool + gloss) * part

@@ -33,8 +33,8 @@ def test_a_surface_is_drawn(mesh, tmp_path):
 def test_every_option_reaches_the_picture(mesh, tmp_path):
     output = tmp_path / "picture.webp"
     done = succeeded(
-        "show", mesh, "-o", output, "--subject", "both", "--size", "300x200", "--theme", "dark", "--from", 3, "--to", 40,
-        "--contours", "--azimuth", 20, "--elevation", 5, "--up", "y", "--samples", 20, run=called,
+        "show", mesh, "-o", output, "--subject", "both", "--size", "300x200", "--theme", "dark", "--from", 3, "--to",
+        40, "--contours", "--azimuth", 20, "--elevation", 5, "--up", "y", "--samples", 20, run=called,
     )  # fmt: skip
     assert "300 x 200 pixels, stress" in done.stderr
     request = PictureRequest(

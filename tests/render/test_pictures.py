@@ -14,7 +14,7 @@ from unbend import CanonicalForm, Parameters, Surface, canonical_form
 from unbend.errors import ParameterError, UnsuitedError
 from unbend.mesh.shapes import cylinder, figure, sheet, sphere, torus
 from unbend.render.carry import carry
-from unbend.render.colours import THEMES, to_linear
+from unbend.render.colours import THEMES, colour_table, to_linear
 from unbend.render.picture import form_in_space, render_picture, render_pixels
 from unbend.render.request import PictureRequest
 from unbend.render.upright import upright_axis
@@ -87,9 +87,6 @@ def test_a_signature_lies_as_its_surface_stands(rotation):
     expected = render_pixels(request, body, form).astype(int)
     turned = CanonicalForm(form.points @ rotation(5), form.faces, form.signature)
     assert np.abs(render_pixels(request, body, turned) - expected).mean() < 0.1
-    lying = Surface(body.vertices[:, [1, 2, 0]], body.faces)  # y is up, and the axes keep their hand
-    again = render_pixels(replace(request, up="y", azimuth=35), lying, turned)
-    assert np.abs(again - render_pixels(replace(request, azimuth=35 - 90), body, form)).mean() > 0
     np.testing.assert_allclose(form_in_space(turned, body), form_in_space(form, body), atol=1e-9)
 
 
@@ -100,8 +97,9 @@ def test_distances_have_the_colours_of_their_values():
     distances = np.linalg.norm(FLAT.vertices - FLAT.vertices[corner], axis=1)
     inside = ((FLAT.vertices[:, :2] > 0.1) & (FLAT.vertices[:, :2] < [1.9, 0.9])).all(axis=1) & (distances > 0.2)
     columns, rows = camera.pixels(FLAT.vertices[inside], (300, 200)).astype(int).T
-    green = hue(pixels[rows, columns])[:, 1]
-    assert np.corrcoef(green, distances[inside])[0, 1] > 0.95  # viridis becomes greener
+    table = hue(colour_table("viridis") * 255)
+    entries = np.linalg.norm(hue(pixels[rows, columns])[:, None] - table, axis=2).argmin(axis=1)
+    np.testing.assert_allclose(entries, distances[inside] / distances.max() * 255, atol=20)
 
 
 def test_contours_are_as_far_apart_as_the_distances_say():
@@ -170,7 +168,7 @@ def test_vertices_without_a_face_do_not_show():
 
 
 def test_unreachable_parts_have_the_colour_of_the_unknown():
-    moved = FLAT.vertices + [3 * np.ptp(FLAT.vertices[:, 0]), 0, 0]
+    moved = FLAT.vertices + np.array([3 * np.ptp(FLAT.vertices[:, 0]), 0, 0])
     two = Surface(np.vstack([FLAT.vertices, moved]), np.vstack([FLAT.faces, FLAT.faces + len(FLAT.vertices)]))
     pixels = render_pixels(replace(FRONT, distances_from=5, contours=True), two)
     right = pixels[:, 200:][pixels[:, 200:, 3] == 255]

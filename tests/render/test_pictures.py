@@ -137,8 +137,8 @@ def test_a_path_on_a_form_joins_the_same_vertices():
     points = (shares[..., None] * body.vertices[body.faces[some]]).sum(axis=1)
     form = body.vertices[:, ::-1] * 2 + np.sin(body.vertices)
     there = (shares[..., None] * form[body.faces[some]]).sum(axis=1)
-    np.testing.assert_allclose(carry(body, points, form), there, atol=1e-9)
-    np.testing.assert_allclose(carry(body, body.vertices, form), form, atol=1e-9)
+    np.testing.assert_allclose(carry(body.vertices, body.faces, points, form), there, atol=1e-9)
+    np.testing.assert_allclose(carry(body.vertices, body.faces, body.vertices, form), form, atol=1e-9)
 
 
 def test_a_further_dimension_is_shown_by_colours():
@@ -165,6 +165,20 @@ def test_vertices_without_a_face_do_not_show():
     np.testing.assert_array_equal(render_pixels(request, alone), render_pixels(request, FLAT))
     with pytest.raises(UnsuitedError, match="no face uses vertex"):
         render_pixels(replace(FRONT, distances_from=len(FLAT.vertices)), alone)
+
+
+@pytest.mark.parametrize("exponent", [460, -460])
+def test_the_unit_of_length_does_not_matter(exponent):
+    request = replace(FRONT, distances_from=5, path=(5, 90), contours=True)
+    scaled = Surface(np.ldexp(FLAT.vertices, exponent), FLAT.faces)
+    np.testing.assert_array_equal(render_pixels(request, scaled), render_pixels(request, FLAT))
+
+
+def test_a_surface_without_an_area_is_drawn_as_nothing():
+    line = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
+    point = Surface(np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    for surface in (line, point):
+        assert render_pixels(FRONT, surface)[..., 3].max() == 0
 
 
 def test_unreachable_parts_have_the_colour_of_the_unknown():

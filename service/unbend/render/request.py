@@ -25,7 +25,7 @@ LAST_FURTHER: Final = 6
 
 @dataclass(frozen=True)
 class PictureRequest(JsonObject):
-    """What a picture shows, and how: hashable, and equal after a round trip through JSON.
+    """A picture to draw: hashable, and equal after a round trip through JSON.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class PictureRequest(JsonObject):
     elevation : float, default 14
         Degrees of the eye above the horizon, -90 to 90.
     up : {"auto", "x", "y", "z"}, default "auto"
-        Upright axis of the surface; "auto" chooses y or z (`unbend.render.upright`).
+        Upright axis of the surface; "auto" chooses y or z (`unbend.render.upright.upright_axis`).
     distances_from : int, optional
         Vertex; colours then show the geodesic distance from it.
     dimension : int, optional

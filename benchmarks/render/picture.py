@@ -50,10 +50,10 @@ def main() -> None:
         )
     header = ["faces", "unbend", "with contours", "on one thread", *(f"{name} / unbend" for name in peers)]
     text = (
-        f"**Pictures**: a torus at {PIXELS} x {PIXELS} pixels, from the mesh to an array, on {available_cores()} cores at "
-        f"a load of {os.getloadavg()[0]:.0f} (`python -m benchmarks.render.picture`). unbend takes nine samples per pixel, "
-        "and finds normals, lights and soft shadows. VTK draws through Mesa's software with eight samples per pixel and "
-        "smooth normals; matplotlib fills whole triangles in flat shades, from far to near.\n\n"
+        f"**Pictures**: a torus at {PIXELS} x {PIXELS} pixels, from the mesh to an array, on {available_cores()} cores "
+        f"at a load of {os.getloadavg()[0]:.0f} (`python -m benchmarks.render.picture`). unbend takes nine samples per "
+        "pixel, and finds normals, lights and soft shadows. VTK draws through Mesa's software with eight samples per "
+        "pixel and smooth normals; matplotlib fills whole triangles in flat shades, from far to near.\n\n"
     )
     write_section(ROOT / "docs" / "benchmarks.md", "pictures", text + table(header, rows))
 

@@ -114,6 +114,11 @@ def test_values_beyond_the_bounds_have_their_colours_and_infinite_ones_none():
     np.testing.assert_allclose(hue(unknown), hue(CLEAR.unknown), atol=0.05)
 
 
+def test_a_constant_field_has_the_middle_colour():
+    pixel = drawn(square(field=Field(np.full(4, 7.0), "coolwarm", contours=3)))[100, 100]
+    np.testing.assert_allclose(hue(pixel), hue(colour_table("coolwarm")[128]), atol=0.05)
+
+
 def test_vertices_have_their_own_colours():
     row = drawn(square(colours=np.array([RED, BLUE, BLUE, RED])))[100]
     np.testing.assert_allclose(hue(row[52]), hue(RED), atol=0.06)

@@ -237,7 +237,8 @@ def draw_bands(
                             red, green, blue = unknown[0], unknown[1], unknown[2]
                         else:
                             last = tables.shape[1] - 1
-                            place = min(max((value - low) / (high - low), 0.0), 1.0) * last if high > low else 0.0
+                            share = (value - low) / (high - low) if high > low else 0.5
+                            place = min(max(share, 0.0), 1.0) * last
                             entry = int(place + 0.5)
                             red, green, blue = tables[item, entry, 0], tables[item, entry, 1], tables[item, entry, 2]
                             if steps[item] > 0:

@@ -9,6 +9,7 @@ from unbend.errors import ParameterError, check_choice
 from unbend.jsons import JsonObject
 from unbend.render.colours import ThemeName
 from unbend.render.draw import check_size
+from unbend.render.view import ELEVATION
 
 Format = Literal["png", "webp"]
 
@@ -66,7 +67,7 @@ class PictureRequest(JsonObject):
     subject: Subject = "surface"
     theme: ThemeName = "light"
     azimuth: float | None = None
-    elevation: float = 14.0
+    elevation: float = ELEVATION
     up: Up = "auto"
     distances_from: int | None = None
     dimension: int | None = None

@@ -11,9 +11,10 @@ import unbend
 
 NAMES = {
     "AsyncClient", "CanonicalForm", "Client", "Embedding", "Flattening", "Library", "MeshPolicy", "Parameters",
-    "Signature", "Surface", "UnbendError", "VoronoiDiagram", "canonical_form", "compare", "compute_signature",
-    "effective_dimension", "embed", "farthest_point_sampling", "flatten", "geodesic_distances", "geodesic_matrix",
-    "geodesic_path", "geodesic_voronoi", "iso_contours", "read_mesh", "representation_errors",
+    "PictureRequest", "Signature", "Surface", "UnbendError", "VoronoiDiagram", "canonical_form", "compare",
+    "compute_signature", "effective_dimension", "embed", "farthest_point_sampling", "flatten", "geodesic_distances",
+    "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours", "read_mesh", "render_picture",
+    "representation_errors",
 }  # fmt: skip
 
 

@@ -1,72 +1,111 @@
-"""The picture of the README: shapes in two poses each, and their signatures.
+"""The picture of the README: three shapes in two poses each, and their signatures.
 
-Colour is a point's mean geodesic distance to all others, the same on both. A signature is given up to reflections,
-so the second pose's is drawn in the one nearest to the first's. Writes docs/pictures/signatures.png.
+Colour and contours are the distance along the surface from one point, the same on each pose. A signature is turned as
+its surface stands, and that of the second pose as that of the first, by points that correspond. Writes
+docs/pictures/signatures.png.
 """
 
 from __future__ import annotations
 
-from itertools import product
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-import matplotlib as mpl
 import numpy as np
+from PIL import Image
 
-from benchmarks.common import ROOT
+from benchmarks.common import DATA, ROOT
+from unbend import CanonicalForm, Parameters, Surface, canonical_form, geodesic_distances, read_mesh
+from unbend.render.colours import THEMES
+from unbend.render.draw import render_scene
+from unbend.render.picture import form_in_space
+from unbend.render.scene import Field, Scene, SceneMesh
+from unbend.render.view import fit_camera, view_axes
+from unbend.signature.orientation import orient_form
 
-mpl.use("Agg")
+FOLDER = DATA / "tosca5k"
+CELL = 460
+ROW = 400
+GAP, APART, MARGIN = 26, 70, 30
+CONTOURS = 13
+THEME = THEMES["transparent"]
 
-import matplotlib.pyplot as plt
-from matplotlib.colors import LightSource
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import cKDTree
 
-from unbend import Parameters, Surface, compute_signature, geodesic_distances
-from unbend.mesh.shapes import figure
+@dataclass(frozen=True)
+class Shown:
+    """Two poses of a shape, the view of them, and the direction in which the first pose's farthest point is chosen."""
 
-SHOWN = [("biped", 3), ("biped", 11), ("quadruped", 1), ("quadruped", 8), ("hand", 4), ("hand", 9)]
-LIGHT = LightSource(azdeg=300, altdeg=50)
+    poses: tuple[str, str]
+    azimuth: float
+    far: tuple[float, float, float]
+
+
+SHOWN = (
+    Shown(("cat0", "cat3"), 40.0, (0.0, -1.0, 0.0)),
+    Shown(("michael10", "michael9"), 20.0, (0.0, 0.0, 1.0)),
+    Shown(("horse0", "horse10"), 40.0, (0.0, -1.0, 0.0)),
+)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A surface, its form, and the vertex of each point that corresponds."""
+
+    surface: Surface
+    form: CanonicalForm
+    points: np.ndarray
 
 
 def main() -> None:
-    page = plt.figure(figsize=(15, 5.4))
-    page.subplots_adjust(left=0, right=1, bottom=0, top=0.93, wspace=0, hspace=0.02)
-    before = np.empty((0, 3))
-    for column, (kind, pose) in enumerate(SHOWN):
-        surface = figure(kind, pose)
-        signature = compute_signature(surface, Parameters(samples=700))
-        values = geodesic_distances(surface, signature.samples[:100]).mean(axis=0)
-        points = signature.points if column % 2 == 0 else _nearest_reflection(signature.points, before)
-        before = points
-        top = page.add_subplot(2, len(SHOWN), 1 + column, projection="3d")
-        _draw(top, surface, values, (14, -68))
-        top.set_title(f"{kind}, pose {pose}", fontsize=12)
-        below = page.add_subplot(2, len(SHOWN), 1 + len(SHOWN) + column, projection="3d")
-        _draw(below, Surface(points[:, [1, 2, 0]], signature.faces), values[signature.samples], (10, -75))
-    page.savefig(ROOT / "docs" / "pictures" / "signatures.png", dpi=90)
+    rows = [_columns(shown) for shown in SHOWN]
+    pairs = [pair for columns in rows for pair in columns]
+    widths = [max(above.width, below.width) for above, below in pairs]
+    gaps = [APART if number % 2 else GAP for number in range(len(pairs) - 1)]
+    size = 2 * MARGIN + sum(widths) + sum(gaps), 2 * MARGIN + 2 * ROW + GAP
+    page = Image.new("RGBA", size, "white")
+    lefts = np.cumsum([MARGIN, *(width + gap for width, gap in zip(widths, gaps, strict=False))])
+    for (above, below), width, left in zip(pairs, widths, lefts.tolist(), strict=True):
+        page.alpha_composite(above, (left + (width - above.width) // 2, MARGIN + ROW - above.height))
+        middle = MARGIN + ROW + GAP + ROW // 2
+        page.alpha_composite(below, (left + (width - below.width) // 2, middle - below.height // 2))
+    page.convert("RGB").save(ROOT / "docs" / "pictures" / "signatures.png", optimize=True)
 
 
-def _nearest_reflection(points: np.ndarray, other: np.ndarray) -> np.ndarray:
-    tree = cKDTree(other)
-    reflected = [points * signs for signs in product((1, -1), repeat=3)]
-    return min(reflected, key=lambda candidate: float((tree.query(candidate)[0] ** 2).mean()))
+def _columns(shown: Shown) -> list[tuple[Image.Image, Image.Image]]:
+    """Return the pictures of a surface and of its signature, for each pose."""
+    first, second = (_pose(name) for name in shown.poses)
+    start = form_in_space(first.form, first.surface)
+    target = np.full((len(second.surface.vertices), 3), np.nan)
+    target[second.points] = start[first.points]
+    turned = orient_form(second.form.points * second.form.signature.scale, target)[:, :3]
+    far = int((first.surface.vertices[first.points] @ shown.far).argmax())
+    distances = [geodesic_distances(pose.surface, int(pose.points[far]))[0] for pose in (first, second)]
+    most = max(float(along.max()) for along in distances)
+    fields = [Field(most - along, low=0.0, high=most, contours=CONTOURS) for along in distances]
+    faces = [first.surface.faces, second.surface.faces]
+    above = _drawn([first.surface.vertices, second.surface.vertices], faces, fields, shown.azimuth)
+    below = _drawn([start, turned], faces, fields, shown.azimuth)
+    return list(zip(above, below, strict=True))
 
 
-def _draw(axes: Any, surface: Surface, values: np.ndarray, view: tuple[float, float]) -> None:
-    points = surface.vertices
-    triangles = points[surface.faces]
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
-    shade = 0.55 + 0.45 * np.abs(normals @ LIGHT.direction)
-    colours = plt.get_cmap("viridis")((values[surface.faces].mean(axis=1) - values.min()) / np.ptp(values))
-    colours[:, :3] *= shade[:, None]
-    axes.add_collection3d(Poly3DCollection(triangles, facecolors=colours, edgecolors="none", antialiased=False))
-    low, high = points.min(axis=0), points.max(axis=0)
-    for name, start, stop in zip("xyz", low, high, strict=True):
-        getattr(axes, f"set_{name}lim")(start, stop)
-    axes.set_box_aspect(high - low, zoom=1.25)
-    axes.set_axis_off()
-    axes.view_init(*view)
+def _pose(name: str) -> Pose:
+    surface = read_mesh(FOLDER / f"{name}.off")
+    points = np.loadtxt(FOLDER / "corres" / f"{name}.vts", dtype=int) - 1
+    return Pose(surface, canonical_form(surface, Parameters(samples=600)), points)
+
+
+def _drawn(
+    places: Sequence[np.ndarray], faces: Sequence[np.ndarray], fields: Sequence[Field], azimuth: float
+) -> list[Image.Image]:
+    """Return a picture of each place of the vertices, at one scale, cropped to what it shows."""
+    axes = view_axes(azimuth, 12.0, "z")
+    cameras = [fit_camera(points, axes, (CELL, ROW + 2 * MARGIN)) for points in places]
+    span = max(camera.span for camera in cameras)
+    pictures = []
+    for points, triangles, field, camera in zip(places, faces, fields, cameras, strict=True):
+        scene = Scene((SceneMesh(points, triangles, field=field),))
+        picture = Image.fromarray(render_scene(scene, replace(camera, span=span), (CELL, ROW + 2 * MARGIN), THEME))
+        pictures.append(picture.crop(picture.getbbox()))
+    return pictures
 
 
 if __name__ == "__main__":

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from unbend.mesh.policy import MeshPolicy
     from unbend.mesh.read import read_mesh
     from unbend.mesh.surface import Surface
+    from unbend.render.picture import render_picture
+    from unbend.render.request import PictureRequest
     from unbend.signature.canonical_form import CanonicalForm, canonical_form
     from unbend.signature.flattening import Flattening, flatten
     from unbend.signature.parameters import Parameters
@@ -39,6 +41,7 @@ _HOMES = {
     "Library": "unbend.library",
     "MeshPolicy": "unbend.mesh.policy",
     "Parameters": "unbend.signature.parameters",
+    "PictureRequest": "unbend.render.request",
     "Signature": "unbend.signature.signature",
     "Surface": "unbend.mesh.surface",
     "UnbendError": "unbend.errors",
@@ -56,6 +59,7 @@ _HOMES = {
     "geodesic_voronoi": "unbend.geodesics.voronoi",
     "iso_contours": "unbend.geodesics.contours",
     "read_mesh": "unbend.mesh.read",
+    "render_picture": "unbend.render.picture",
     "representation_errors": "unbend.embedding.dimension",
 }
 
@@ -70,6 +74,7 @@ __all__ = [
     "Library",
     "MeshPolicy",
     "Parameters",
+    "PictureRequest",
     "Signature",
     "Surface",
     "UnbendError",
@@ -87,6 +92,7 @@ __all__ = [
     "geodesic_voronoi",
     "iso_contours",
     "read_mesh",
+    "render_picture",
     "representation_errors",
 ]
 

@@ -21,8 +21,8 @@ from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
 
 COMMANDS = {
-    "serve", "signature", "flatten", "compare", "import", "export", "query", "evaluate", "backup", "restore", "keys",
-    "openapi", "demo",
+    "serve", "signature", "flatten", "show", "compare", "import", "export", "query", "evaluate", "backup", "restore",
+    "keys", "openapi", "demo",
 }  # fmt: skip
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}

@@ -21,6 +21,7 @@ from unbend.cli.openapi import openapi
 from unbend.cli.options import warn
 from unbend.cli.query import query
 from unbend.cli.serve import serve
+from unbend.cli.show import show
 from unbend.cli.signature import signature
 from unbend.errors import StoreInUseError, UnbendError
 
@@ -56,6 +57,7 @@ def main() -> None:
 
 
 for command in (
-    serve, signature, flatten, compare, import_folder, export, query, evaluate, backup, restore, keys, openapi, demo
+    serve, signature, flatten, show, compare, import_folder, export, query, evaluate, backup, restore, keys, openapi,
+    demo,
 ):  # fmt: skip
     main.add_command(command)

@@ -7,47 +7,47 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from unbend.arrays import Floats
-from unbend.mesh.surface import Surface
+from unbend.arrays import Floats, Indices, Ints
 
-_CANDIDATES: Final = 12  # faces with the nearest centres that may contain a point; their vertices' faces, too
+_CANDIDATES: Final = 12  # faces with the nearest centres
+_AROUND: Final = 32  # most faces around a vertex
 
 
-def carry(surface: Surface, points: Floats, form: Floats) -> Floats:
+def carry(vertices: Floats, faces: Ints, points: Floats, form: Floats) -> Floats:
     """Return where `points` (p, 3) on a surface are on its form, (p, 3).
 
     Each point is given to the face, of those around the nearest vertices and centres, that it is nearest to.
 
     Parameters
     ----------
-    surface : Surface
+    vertices : (n, 3) float64
+        Finite where a face uses them.
+    faces : (m, 3) int32
     points : (p, 3) float64
-        Points on its faces.
+        Points on the faces.
     form : (n, 3) float64
-        Another place for each of its vertices.
+        Another place, or any vector, for each vertex.
     """
-    faces = _faces_near(surface, points)
-    corners = surface.vertices[surface.faces[faces]]  # (p, k, 3, 3)
+    near = _faces_near(vertices, faces, points)
+    corners = vertices[faces[near]]  # (p, k, 3, 3)
     shares = _shares(corners, points[:, None])
     distances = np.linalg.norm((shares[..., None] * corners).sum(axis=2) - points[:, None], axis=2)
-    best = distances.argmin(axis=1)
-    rows = np.arange(len(points))
-    return np.asarray((shares[rows, best][..., None] * form[surface.faces[faces[rows, best]]]).sum(axis=1))
+    rows, best = np.arange(len(points)), distances.argmin(axis=1)
+    return np.asarray((shares[rows, best][..., None] * form[faces[near[rows, best]]]).sum(axis=1))
 
 
-def _faces_near(surface: Surface, points: Floats) -> np.ndarray:
-    """Return candidate faces for each point, (p, k)."""
-    centres = surface.vertices[surface.faces].mean(axis=1)
-    count = min(_CANDIDATES, len(centres))
-    near = cKDTree(centres).query(points, count)[1].reshape(len(points), count)
-    used = surface.used_vertices
-    nearest = used[cKDTree(surface.vertices[used]).query(points, min(2, len(used)))[1].reshape(len(points), -1)]
-    order = np.argsort(surface.faces.ravel(), kind="stable")
-    starts = np.searchsorted(surface.faces.ravel()[order], np.arange(len(surface.vertices) + 1))
-    around = [order[starts[a] : starts[a + 1]] // 3 for a in nearest.ravel()]
-    most = min(max(len(part) for part in around), 32)
-    padded = np.array([np.resize(part[:most], most) for part in around]).reshape(len(points), -1)
-    return np.concatenate([near, padded], axis=1)
+def _faces_near(vertices: Floats, faces: Ints, points: Floats) -> Indices:
+    """Return candidate faces for each point, (p, k): those with the nearest centres, and those around two vertices."""
+    centres = vertices[faces].mean(axis=1)
+    by_centre = cKDTree(centres).query(points, min(_CANDIDATES, len(centres)))[1].reshape(len(points), -1)
+    used = np.unique(faces)
+    nearest = used[cKDTree(vertices[used]).query(points, 2)[1]]
+    order = np.argsort(faces, axis=None, kind="stable")
+    starts = np.searchsorted(faces.ravel()[order], np.arange(len(vertices) + 1))
+    around = [order[starts[vertex] : starts[vertex + 1]] // 3 for vertex in nearest.ravel()]
+    most = min(max(len(part) for part in around), _AROUND)
+    by_vertex = np.array([np.resize(part, most) for part in around]).reshape(len(points), -1)
+    return np.concatenate([by_centre, by_vertex], axis=1)
 
 
 def _shares(corners: Floats, points: Floats) -> Floats:

@@ -99,8 +99,8 @@ _POINTS: Final[dict[ColourMap, tuple[str, ...]]] = {
 def colour_table(name: ColourMap) -> Floats:
     """Return the colours of a colour map from its lowest value to its highest, (256, 3) in sRGB.
 
-    "viridis" is perceptually uniform, for values that grow; "coolwarm" (Moreland 2009) diverges from grey, for values on
-    both sides of 0. ParameterError if the name is neither.
+    "viridis" is perceptually uniform, for values that grow; "coolwarm" (Moreland 2009) diverges from grey, for values
+    on both sides of 0. ParameterError if the name is neither.
     """
     check_choice("colour_map", name, tuple(_POINTS))
     points = np.array([colour(code) for code in _POINTS[name]])

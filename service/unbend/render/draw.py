@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from unbend.arrays import Floats, Ints, Singles
 from unbend.errors import ParameterError
 from unbend.jit import kernel
-from unbend.render.colours import STEPS, Theme, colour_table, to_linear, to_srgb
+from unbend.render.colours import STEPS, Theme, colour_table, to_linear
+from unbend.render.compose import compose, srgb_bytes
 from unbend.render.normals import corner_normals
-from unbend.render.occlusion import REACH, darken, smooth
+from unbend.render.occlusion import REACH, darken, places_around, smooth
 from unbend.render.raster import BAND, SAMPLES, draw_bands, project, sort_into_bands
 from unbend.render.scene import Item, Scene, SceneMesh, Sphere, Tube
 from unbend.render.tubes import ball_mesh, joined, tube_mesh
@@ -28,6 +29,8 @@ LARGEST: Final = 2048
 
 CONTOUR_WIDTH: Final = 0.0045
 """Width of a contour seen from above, as a share of the picture's shorter side."""
+
+_FINEST: Final = 1.4  # pixels, the least width of a contour
 
 
 def render_scene(
@@ -72,23 +75,27 @@ def render_scene(
     """
     check_size(size)
     check_threads(threads)
-    picture = _drawn(scene, camera, size, theme, threads)
-    coverage = np.minimum(picture[..., 3:], 1.0)
-    if theme.background is None:
-        opaque = np.divide(picture[..., :3], coverage, out=np.zeros_like(picture[..., :3]), where=coverage > 0)
-        alpha = coverage
-    else:
-        opaque = picture[..., :3] + (1 - coverage) * to_linear(np.array(theme.background)).astype(np.float32)
-        alpha = np.ones_like(coverage)
-    codes = np.concatenate([to_srgb(np.clip(opaque, 0, 1)), alpha], axis=2)
-    return np.asarray(np.floor(codes * 255 + 0.5), np.uint8)
+    picture, light = _drawn(scene, camera, size, theme, threads)
+    pixels = np.empty(picture.shape, np.uint8)
+    background, codes = to_linear(np.array(theme.background or (0.0, 0.0, 0.0))), srgb_bytes()
+    transparent = theme.background is None
+
+    def compose_rows(part: slice) -> None:
+        compose(part.start, part.stop, picture, light, background, transparent, codes, pixels)
+
+    share_out(len(pixels), threads, compose_rows)
+    return pixels
 
 
 def check_size(size: Size) -> None:
     """Raise ParameterError unless width and height are whole numbers from 16 to 2048."""
     for name, value in zip(("width", "height"), size, strict=True):
-        if isinstance(value, bool) or not isinstance(value, int) or not SMALLEST <= value <= LARGEST:
+        if not _is_whole(value) or not SMALLEST <= value <= LARGEST:
             raise ParameterError(f"{name} must be a whole number from {SMALLEST} to {LARGEST}, not {value!r}")
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +114,13 @@ class _Triangles:
     steps: Ints  # (items,), -1 without a field
 
 
-def _drawn(scene: Scene, camera: Camera, size: Size, theme: Theme, threads: int | None) -> Singles:
-    """Return linear light times coverage, and the coverage, (h, w, 4)."""
+def _drawn(scene: Scene, camera: Camera, size: Size, theme: Theme, threads: int | None) -> tuple[Singles, Singles]:
+    """Return linear light times coverage, and the coverage, (h, w, 4); and the share of light from around, (h, w)."""
     width, height = size
     picture = np.zeros((height, width, 4), np.float32)
     if not scene.items:
-        return picture
-    triangles = _triangles(scene)
+        return picture, np.ones((height, width), np.float32)
+    triangles = _triangles(scene, threads)
     per_length = min(size) / camera.span
     seen = np.empty((len(triangles.vertices), 4))
     with np.errstate(all="ignore"):
@@ -125,7 +132,7 @@ def _drawn(scene: Scene, camera: Camera, size: Size, theme: Theme, threads: int 
     starts, order = sort_into_bands(seen, triangles.faces, float(width * SAMPLES), bands)
     depth = np.full((height, width), -np.inf, np.float32)
     unknown, ink = (to_linear(np.array(each)) for each in (theme.unknown, theme.contour))
-    half = CONTOUR_WIDTH * camera.span / 2
+    half = max(CONTOUR_WIDTH, _FINEST / min(size)) * camera.span / 2
 
     def draw(part: slice) -> None:
         draw_bands(
@@ -135,21 +142,27 @@ def _drawn(scene: Scene, camera: Camera, size: Size, theme: Theme, threads: int 
         )  # fmt: skip
 
     share_out(bands, threads, draw)
-    picture[..., :3] *= _light_from_around(depth, picture[..., 3], per_length, REACH * min(size), threads)[..., None]
-    return picture
+    return picture, _light_from_around(depth, picture[..., 3], per_length, REACH * min(size), threads)
 
 
 def _light_from_around(
     depth: Singles, coverage: Singles, per_length: float, reach: float, threads: int | None
 ) -> Singles:
     rough, smoothed = np.empty_like(depth), np.empty_like(depth)
-    rows = len(depth)
-    share_out(rows, threads, lambda part: darken(part.start, part.stop, depth, coverage, per_length, reach, rough))
-    share_out(rows, threads, lambda part: smooth(part.start, part.stop, depth, coverage, per_length, rough, smoothed))
+    places, lengths = places_around(reach)
+
+    def darken_rows(part: slice) -> None:
+        darken(part.start, part.stop, depth, coverage, per_length, reach, places, lengths, rough)
+
+    def smooth_rows(part: slice) -> None:
+        smooth(part.start, part.stop, depth, coverage, per_length, rough, smoothed)
+
+    share_out(len(depth), threads, darken_rows)
+    share_out(len(depth), threads, smooth_rows)
     return smoothed
 
 
-def _triangles(scene: Scene) -> _Triangles:
+def _triangles(scene: Scene, threads: int | None) -> _Triangles:
     meshes = [_as_mesh(item) for item in scene.items]
     vertices, faces = joined([(mesh.vertices, mesh.faces) for mesh in meshes])
     sizes = [len(mesh.faces) for mesh in meshes]
@@ -166,7 +179,7 @@ def _triangles(scene: Scene) -> _Triangles:
     return _Triangles(
         vertices=np.ascontiguousarray(vertices),
         faces=faces,
-        normals=np.concatenate([corner_normals(mesh.vertices, mesh.faces) for mesh in meshes]),
+        normals=np.concatenate([corner_normals(mesh.vertices, mesh.faces, threads) for mesh in meshes]),
         item_of=np.repeat(np.arange(len(meshes), dtype=np.int32), sizes),
         colours=np.concatenate([_vertex_colours(mesh) for mesh in meshes]),
         values=np.concatenate(

@@ -8,12 +8,13 @@ import numpy as np
 
 from unbend.arrays import Floats, Ints, Singles
 from unbend.jit import kernel
+from unbend.threads import share_out
 
 CREASE: Final = 0.4
 """Cosine of the angle, 66 degrees, from which two faces at a vertex are shaded apart."""
 
 
-def corner_normals(vertices: Floats, faces: Ints) -> Singles:
+def corner_normals(vertices: Floats, faces: Ints, threads: int | None = None) -> Singles:
     """Return a unit normal for each corner of each face, (m, 3, 3) float32, on the side of the face's own normal.
 
     It is the mean, by area, of the normals of the faces at the vertex that differ by less than 66 degrees from the
@@ -23,7 +24,9 @@ def corner_normals(vertices: Floats, faces: Ints) -> Singles:
     starts, order = _faces_at_vertices(faces, len(vertices))
     flat, units = _face_normals(vertices, faces)
     normals = np.empty((len(faces), 3, 3), np.float32)
-    _fill(faces, starts, order, flat, units, normals)
+    share_out(
+        len(faces), threads, lambda part: _fill(part.start, part.stop, faces, starts, order, flat, units, normals)
+    )
     return normals
 
 
@@ -61,8 +64,8 @@ def _face_normals(vertices, faces):
 
 
 @kernel
-def _fill(faces, starts, order, flat, units, normals):
-    for face in range(len(faces)):
+def _fill(first, stop, faces, starts, order, flat, units, normals):
+    for face in range(first, stop):
         nx, ny, nz = units[face, 0], units[face, 1], units[face, 2]
         for corner in range(3):
             vertex = faces[face, corner]

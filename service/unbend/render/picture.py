@@ -42,7 +42,7 @@ _WEBP_QUALITY: Final = 90
 def render_picture(
     request: PictureRequest, surface: Surface, form: CanonicalForm | None = None, *, threads: int | None = None
 ) -> bytes:
-    """Draw a surface, its signature, or one beside the other, and return the file.
+    r"""Draw a surface, its signature, or one beside the other, and return the file.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def render_picture(
     >>> from unbend.mesh.shapes import torus
     >>> from unbend.render.request import PictureRequest
     >>> render_picture(PictureRequest(width=64, height=48), torus())[:4]
-    b'\\x89PNG'
+    b'\x89PNG'
     """
     return encode(render_pixels(request, surface, form, threads=threads), request.format)
 
@@ -84,17 +84,20 @@ def render_pixels(
         _check_form(request, surface, form)
     theme = THEMES[request.theme]
     up: Axis = upright_axis(surface) if request.up == "auto" else request.up
-    used = surface.vertices[surface.used_vertices]
+    unit = surface.scale  # so that products of lengths stay in the range of double precision
+    used = surface.vertices[surface.used_vertices] / unit
     azimuth = default_azimuth(used, up) if request.azimuth is None else request.azimuth
     axes = view_axes(azimuth, request.elevation, up)
     content = _content(request, surface, form, theme, threads)
     size = request.width, request.height
     places = []
     if request.subject != "signature":
-        places.append(_Place(surface.vertices, theme.surface, content.path))
+        places.append(_Place(surface.vertices / unit, theme.surface, content.path))
     if request.subject != "surface" and form is not None:
-        points = form_in_space(form, surface)
-        path = None if content.path is None else carry(surface, content.path, points)
+        points = form_in_space(form, surface) / unit
+        path = content.path
+        if path is not None:
+            path = carry(surface.vertices / unit, surface.faces, path, points)
         places.append(_Place(points, theme.signature, path))
     items, shown = _side_by_side(places, surface, content, theme, axes)
     return render_scene(Scene(items), fit_camera(shown, axes, size), size, theme, threads=threads)
@@ -125,7 +128,7 @@ def encode(pixels: NDArray[np.uint8], file_type: Format) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class _Content:
-    """What a request puts on a surface and on its form alike."""
+    """The things that a request puts on a surface and on its form alike, in units of `Surface.scale`."""
 
     field: Field | None
     path: Floats | None
@@ -134,7 +137,7 @@ class _Content:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where the vertices of the surface are, as itself or as its form, and the path there."""
+    """The places of the vertices, as itself or as its form, and the path there, in the same units."""
 
     points: Floats
     colour: Colour
@@ -159,7 +162,7 @@ def _content(
     steps = CONTOUR_STEPS if request.contours else 0
     if request.distances_from is not None:
         vertex = _vertex(surface, request.distances_from, "distances_from")
-        values = geodesic_distances(surface, vertex, threads=threads)[0]
+        values = geodesic_distances(surface, vertex, threads=threads)[0] / surface.scale
         field = Field(values, "viridis", low=0.0, contours=steps)
         marked[vertex] = theme.start
     if request.dimension is not None and form is not None:
@@ -168,7 +171,7 @@ def _content(
         field = Field(np.where(np.isnan(values), np.inf, values), "coolwarm", low=-most, high=most, contours=steps)
     if request.path is not None:
         start, end = (_vertex(surface, vertex, "path") for vertex in request.path)
-        path = geodesic_path(surface, start, end)
+        path = geodesic_path(surface, start, end) / surface.scale
         marked |= {start: theme.start, end: theme.end}
     return _Content(field, path, tuple(marked.items()))
 
@@ -186,8 +189,8 @@ def _side_by_side(
 ) -> tuple[tuple[Item, ...], Floats]:
     """Return the items of each place, in a row from left to right, and the points that the camera must show."""
     used = surface.used_vertices
-    radius = TUBE_RADIUS * float(np.linalg.norm(np.ptp(surface.vertices[used], axis=0))) or 1.0
-    widths = [np.ptp((place.points[used] @ axes[0])) for place in places]
+    radius = TUBE_RADIUS * float(np.linalg.norm(np.ptp(surface.vertices[used] / surface.scale, axis=0))) or 1.0
+    widths = [np.ptp(place.points[used] @ axes[0]) for place in places]
     items: list[Item] = []
     shown = []
     edge = 0.0
@@ -225,4 +228,4 @@ def _lifted(path: Floats, mesh: SceneMesh, height: float) -> Floats:
         np.add.at(normals, mesh.faces[:, corner], flat)
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = np.divide(normals, size, out=np.zeros_like(normals), where=size > 0)
-    return np.asarray(path + height * carry(Surface(np.nan_to_num(mesh.vertices), mesh.faces), path, unit))
+    return np.asarray(path + height * carry(mesh.vertices, mesh.faces, path, unit))

@@ -11,6 +11,8 @@ from unbend.jit import inlined, kernel
 SAMPLES: Final = 3
 """Samples per pixel along each axis."""
 
+_SQUARE: Final = SAMPLES * SAMPLES
+
 BAND: Final = 8
 """Rows of pixels in a band. Each band has its own list of faces and is drawn by one thread."""
 
@@ -21,13 +23,13 @@ _SLACK: Final = 1e-9  # of an edge function, so that no sample falls between two
 _KEY: Final = (-0.44, 0.62, 0.65)
 _FILL: Final = (0.85, 0.10, 0.52)
 _RIM: Final = (0.30, 0.75, -0.59)
-_KEY_STRENGTH: Final = 0.78
-_FILL_STRENGTH: Final = 0.22
+_KEY_STRENGTH: Final = 0.84
+_FILL_STRENGTH: Final = 0.24
 _RIM_STRENGTH: Final = 0.28
-_SKY: Final = 0.34  # ambient light from above and from below
-_GROUND: Final = 0.17
+_SKY: Final = 0.40  # ambient light from above and from below
+_GROUND: Final = 0.20
 _SHINE: Final = 0.10
-_BACK: Final = 0.82  # the inner side of an open surface is darker
+_MATT: Final = 0.3  # gloss of a surface with a field, so that its colours can be read
 _INK: Final = 0.72  # how much of a contour's colour covers the surface
 
 
@@ -121,7 +123,7 @@ def _nearest_faces(seen, faces, listed, top, nearest, depth):
 
 @inlined
 def _light(nx, ny, nz):
-    """Return the light on a surface with a unit normal in the camera's axes: white, warm key and cool fill apart."""
+    """Return the light on a surface with a unit normal in the camera's axes: of the key, of the fill, from around."""
     key = max(0.0, (nx * _KEY[0] + ny * _KEY[1] + nz * _KEY[2] + 0.22) / 1.22) * _KEY_STRENGTH
     fill = max(0.0, (nx * _FILL[0] + ny * _FILL[1] + nz * _FILL[2] + 0.40) / 1.40) * _FILL_STRENGTH
     ambient = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * ny)
@@ -144,6 +146,18 @@ def _gloss(nx, ny, nz):
 
 
 @inlined
+def _weights(x, y, ax, ay, bx, by, cx, cy, divisor_a, divisor_b, divisor_c):
+    """Return the shares of a triangle's corners at a sample, on the triangle itself, and none below 0."""
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    share_b = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+    share_c = ((y - ay) * (bx - ax) - (x - ax) * (by - ay)) / area
+    a = max(0.0, 1.0 - share_b - share_c) / divisor_a
+    b, c = max(0.0, share_b) / divisor_b, max(0.0, share_c) / divisor_c
+    whole = a + b + c
+    return a / whole, b / whole, c / whole
+
+
+@inlined
 def _on_contour(value, low, high, steps, slope, half):
     """Say whether a value lies within `half` of a contour between `low` and `high`, in lengths along the surface."""
     step = (high - low) / steps
@@ -158,76 +172,97 @@ def draw_bands(
 ):  # fmt: skip
     """Fill rows of `picture` (h, w, 4), linear light times coverage and the coverage, and of `surface_depth` (h, w).
 
+    A face is shaded once in each pixel, in the middle of its samples there; contours are found at each sample.
     `item_of` gives each face its item; `bounds` (items, 2) and `steps` (items,) are of fields, -1 steps for none.
     """
     height, width = surface_depth.shape
     rows, columns = BAND * SAMPLES, width * SAMPLES
     nearest, depth = np.empty((rows, columns), np.int32), np.empty((rows, columns))
-    part = 1.0 / (SAMPLES * SAMPLES)
+    here = np.empty(_SQUARE, np.int32)
     for band in range(first, stop):
         top = band * rows
         _nearest_faces(seen, faces, order[starts[band] : starts[band + 1]], top, nearest, depth)
-        for row in range(min(rows, height * SAMPLES - top)):
-            pixel_row = band * BAND + row // SAMPLES
-            for column in range(columns):
-                face = nearest[row, column]
-                if face < 0:
-                    continue
-                pixel = column // SAMPLES
-                a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-                ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
-                area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-                x, y = column + 0.5 - ax, row + 0.5 + top - ay
-                share_b = (x * (cy - ay) - y * (cx - ax)) / area
-                share_c = (y * (bx - ax) - x * (by - ay)) / area
-                # Shares on the triangle itself, not on its picture; those of slivers are kept inside.
-                weight_a = max(0.0, 1.0 - share_b - share_c) / seen[a, 3]
-                weight_b, weight_c = max(0.0, share_b) / seen[b, 3], max(0.0, share_c) / seen[c, 3]
-                whole = weight_a + weight_b + weight_c
-                weight_a, weight_b, weight_c = weight_a / whole, weight_b / whole, weight_c / whole
+        for pixel_row in range(band * BAND, min((band + 1) * BAND, height)):
+            row = (pixel_row - band * BAND) * SAMPLES
+            for pixel in range(width):
+                column = pixel * SAMPLES
+                for sample in range(_SQUARE):
+                    here[sample] = nearest[row + sample // SAMPLES, column + sample % SAMPLES]
+                for sample in range(_SQUARE):
+                    face = here[sample]
+                    if face < 0:
+                        continue
+                    count, x, y, deepest = 0, 0.0, 0.0, -np.inf
+                    for other in range(sample, _SQUARE):
+                        if here[other] == face:
+                            here[other] = -2 - face  # seen, and still known
+                            count += 1
+                            x += column + other % SAMPLES + 0.5
+                            y += row + other // SAMPLES + 0.5 + top
+                            deepest = max(deepest, depth[row + other // SAMPLES, column + other % SAMPLES])
+                    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+                    ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+                    weight_a, weight_b, weight_c = _weights(
+                        x / count, y / count, ax, ay, bx, by, cx, cy, seen[a, 3], seen[b, 3], seen[c, 3]
+                    )
 
-                wx = weight_a * normals[face, 0, 0] + weight_b * normals[face, 1, 0] + weight_c * normals[face, 2, 0]
-                wy = weight_a * normals[face, 0, 1] + weight_b * normals[face, 1, 1] + weight_c * normals[face, 2, 1]
-                wz = weight_a * normals[face, 0, 2] + weight_b * normals[face, 1, 2] + weight_c * normals[face, 2, 2]
-                side = 1.0 if area < 0 else -1.0  # y points down in the picture
-                size = np.sqrt(wx * wx + wy * wy + wz * wz)
-                turn = side / size if size > 0 else 0.0
-                nx = (wx * axes[0, 0] + wy * axes[0, 1] + wz * axes[0, 2]) * turn
-                ny = (wx * axes[1, 0] + wy * axes[1, 1] + wz * axes[1, 2]) * turn
-                nz = (wx * axes[2, 0] + wy * axes[2, 1] + wz * axes[2, 2]) * turn
-                if size == 0:
-                    nz = 1.0
+                    wx = (
+                        weight_a * normals[face, 0, 0] + weight_b * normals[face, 1, 0] + weight_c * normals[face, 2, 0]
+                    )
+                    wy = (
+                        weight_a * normals[face, 0, 1] + weight_b * normals[face, 1, 1] + weight_c * normals[face, 2, 1]
+                    )
+                    wz = (
+                        weight_a * normals[face, 0, 2] + weight_b * normals[face, 1, 2] + weight_c * normals[face, 2, 2]
+                    )
+                    size = np.sqrt(wx * wx + wy * wy + wz * wz)
+                    # Towards the viewer; y points down in the picture.
+                    side = 1.0 if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) < 0 else -1.0
+                    turn = side / size if size > 0 else 0.0
+                    nx = (wx * axes[0, 0] + wy * axes[0, 1] + wz * axes[0, 2]) * turn
+                    ny = (wx * axes[1, 0] + wy * axes[1, 1] + wz * axes[1, 2]) * turn
+                    nz = (wx * axes[2, 0] + wy * axes[2, 1] + wz * axes[2, 2]) * turn
+                    if size == 0:
+                        nz = 1.0
 
-                item = item_of[face]
-                if steps[item] < 0:
-                    red = weight_a * colours[a, 0] + weight_b * colours[b, 0] + weight_c * colours[c, 0]
-                    green = weight_a * colours[a, 1] + weight_b * colours[b, 1] + weight_c * colours[c, 1]
-                    blue = weight_a * colours[a, 2] + weight_b * colours[b, 2] + weight_c * colours[c, 2]
-                else:
-                    value = weight_a * values[a] + weight_b * values[b] + weight_c * values[c]
-                    low, high = bounds[item, 0], bounds[item, 1]
-                    if not np.isfinite(value):
-                        red, green, blue = unknown[0], unknown[1], unknown[2]
+                    item = item_of[face]
+                    if steps[item] < 0:
+                        red = weight_a * colours[a, 0] + weight_b * colours[b, 0] + weight_c * colours[c, 0]
+                        green = weight_a * colours[a, 1] + weight_b * colours[b, 1] + weight_c * colours[c, 1]
+                        blue = weight_a * colours[a, 2] + weight_b * colours[b, 2] + weight_c * colours[c, 2]
                     else:
-                        last = tables.shape[1] - 1
-                        place = min(max((value - low) / (high - low), 0.0), 1.0) * last if high > low else 0.0
-                        entry = int(place + 0.5)
-                        red, green, blue = tables[item, entry, 0], tables[item, entry, 1], tables[item, entry, 2]
-                        if steps[item] > 0 and _on_contour(value, low, high, steps[item], slopes[face], half):
-                            red += (ink[0] - red) * _INK
-                            green += (ink[1] - green) * _INK
-                            blue += (ink[2] - blue) * _INK
+                        value = weight_a * values[a] + weight_b * values[b] + weight_c * values[c]
+                        low, high = bounds[item, 0], bounds[item, 1]
+                        if not np.isfinite(value):
+                            red, green, blue = unknown[0], unknown[1], unknown[2]
+                        else:
+                            last = tables.shape[1] - 1
+                            share = (value - low) / (high - low) if high > low else 0.5
+                            place = min(max(share, 0.0), 1.0) * last
+                            entry = int(place + 0.5)
+                            red, green, blue = tables[item, entry, 0], tables[item, entry, 1], tables[item, entry, 2]
+                            if steps[item] > 0:
+                                inked = 0
+                                for other in range(sample, _SQUARE):
+                                    if here[other] == -2 - face:
+                                        p, q, r = _weights(
+                                            column + other % SAMPLES + 0.5, row + other // SAMPLES + 0.5 + top,
+                                            ax, ay, bx, by, cx, cy, seen[a, 3], seen[b, 3], seen[c, 3],
+                                        )  # fmt: skip
+                                        value = p * values[a] + q * values[b] + r * values[c]
+                                        inked += _on_contour(value, low, high, steps[item], slopes[face], half)
+                                cover = _INK * inked / count
+                                red += (ink[0] - red) * cover
+                                green += (ink[1] - green) * cover
+                                blue += (ink[2] - blue) * cover
 
-                key, fill, ambient = _light(nx, ny, nz)
-                gloss = _gloss(nx, ny, nz)
-                outside = 1.0 if side > 0 else _BACK
-                warm, cool = (
-                    (key * 1.04 + fill * 0.92 + ambient) * outside,
-                    (key * 0.94 + fill * 1.10 + ambient) * outside,
-                )
-                middle = (key + fill + ambient) * outside
-                picture[pixel_row, pixel, 0] += min(1.0, red * warm + gloss) * part
-                picture[pixel_row, pixel, 1] += min(1.0, green * middle + gloss) * part
-                picture[pixel_row, pixel, 2] += min(1.0, blue * cool + gloss) * part
-                picture[pixel_row, pixel, 3] += part
-                surface_depth[pixel_row, pixel] = max(surface_depth[pixel_row, pixel], depth[row, column])
+                    key, fill, ambient = _light(nx, ny, nz)
+                    gloss = _gloss(nx, ny, nz) * (1.0 if steps[item] < 0 else _MATT)
+                    warm, cool = key * 1.04 + fill * 0.92 + ambient, key * 0.94 + fill * 1.10 + ambient
+                    middle = key + fill + ambient
+                    part = count / _SQUARE
+                    picture[pixel_row, pixel, 0] += min(1.0, red * warm + gloss) * part
+                    picture[pixel_row, pixel, 1] += min(1.0, green * middle + gloss) * part
+                    picture[pixel_row, pixel, 2] += min(1.0, blue * cool + gloss) * part
+                    picture[pixel_row, pixel, 3] += part
+                    surface_depth[pixel_row, pixel] = max(surface_depth[pixel_row, pixel], deepest)

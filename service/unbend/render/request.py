@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, get_args
 
-import numpy as np
-
 from unbend.errors import ParameterError, check_choice
 from unbend.jsons import JsonObject
 from unbend.render.colours import ThemeName
 from unbend.render.draw import check_size
+from unbend.render.view import ELEVATION
 
 Format = Literal["png", "webp"]
 
@@ -27,7 +26,7 @@ LAST_FURTHER: Final = 6
 
 @dataclass(frozen=True)
 class PictureRequest(JsonObject):
-    """What a picture shows, and how: hashable, and equal after a round trip through JSON.
+    """A picture to draw: hashable, and equal after a round trip through JSON.
 
     Parameters
     ----------
@@ -44,7 +43,7 @@ class PictureRequest(JsonObject):
     elevation : float, default 14
         Degrees of the eye above the horizon, -90 to 90.
     up : {"auto", "x", "y", "z"}, default "auto"
-        Upright axis of the surface; "auto" chooses y or z (`unbend.render.upright`).
+        Upright axis of the surface; "auto" chooses y or z (`unbend.render.upright.upright_axis`).
     distances_from : int, optional
         Vertex; colours then show the geodesic distance from it.
     dimension : int, optional
@@ -68,7 +67,7 @@ class PictureRequest(JsonObject):
     subject: Subject = "surface"
     theme: ThemeName = "light"
     azimuth: float | None = None
-    elevation: float = 14.0
+    elevation: float = ELEVATION
     up: Up = "auto"
     distances_from: int | None = None
     dimension: int | None = None
@@ -82,7 +81,8 @@ class PictureRequest(JsonObject):
         if self.azimuth is not None:
             _check_angle("azimuth", self.azimuth, 360)
         _check_angle("elevation", self.elevation, 90)
-        if not isinstance(self.contours, bool):
+        contours: object = self.contours
+        if not isinstance(contours, bool):
             raise ParameterError(f"contours must be true or false, not {self.contours!r}")
         self._check_field()
         self._check_path()
@@ -107,7 +107,8 @@ class PictureRequest(JsonObject):
     def _check_path(self) -> None:
         if self.path is None:
             return
-        ends = tuple(self.path) if isinstance(self.path, list | tuple) else ()
+        given: object = self.path
+        ends = tuple(given) if isinstance(given, list | tuple) else ()
         if len(ends) != 2 or not all(_is_vertex(end) for end in ends):
             raise ParameterError(f"path must be the numbers of two vertices, not {self.path!r}")
         object.__setattr__(self, "path", ends)  # JSON has lists only
@@ -121,6 +122,5 @@ def _is_vertex(value: object) -> bool:
 
 
 def _check_angle(name: str, value: object, most: float) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not np.isfinite(value) or abs(value) > most:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:  # refuses NaN
         raise ParameterError(f"{name} must be a number of degrees from -{most} to {most}, not {value!r}")

@@ -156,6 +156,6 @@ Item = SceneMesh | Tube | Sphere
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All that a picture shows, in one space. An empty scene is a picture of the background."""
+    """All that a picture shows, in one space: lengths between 1e-70 and 1e70. An empty scene is a background."""
 
     items: tuple[Item, ...]

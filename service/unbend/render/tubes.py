@@ -11,20 +11,23 @@ from unbend.arrays import Floats, Ints
 from unbend.mesh.shapes import sphere
 
 _SIDES: Final = 12
+_SHARP: Final = 0.7  # cosine of the angle, 46 degrees, from which a corner is rounded
 _SPHERE_SUBDIVISIONS: Final = 3  # 642 vertices
 
 
 def tube_mesh(points: Floats, radius: float) -> tuple[Floats, Ints]:
-    """Return vertices (n, 3) and faces (m, 3) of a tube around a polyline (p, 3), with round ends.
+    """Return vertices (n, 3) and faces (m, 3) of a tube around a polyline (p, 3), with round ends and corners.
 
     Its cross-section is carried along without twisting. A single point, or repeats of it, gives a sphere.
     """
     kept = np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))
     line = points[kept]
-    balls = [ball_mesh(end, radius) for end in (line[0], line[-1])]
     if len(line) == 1:
-        return balls[0]
-    return joined([_wall(line, radius), *balls])
+        return ball_mesh(line[0], radius)
+    steps = np.diff(line, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    sharp = line[1:-1][(steps[1:] * steps[:-1]).sum(axis=1) < _SHARP]
+    return joined([_wall(line, steps, radius), *(ball_mesh(point, radius) for point in (line[0], *sharp, line[-1]))])
 
 
 def ball_mesh(centre: Floats, radius: float) -> tuple[Floats, Ints]:
@@ -40,9 +43,7 @@ def joined(meshes: list[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces).astype(np.int32)
 
 
-def _wall(line: Floats, radius: float) -> tuple[Floats, Ints]:
-    steps = np.diff(line, axis=0)
-    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+def _wall(line: Floats, steps: Floats, radius: float) -> tuple[Floats, Ints]:
     first = np.cross(steps[0], np.eye(3)[np.abs(steps[0]).argmin()])
     across = first / np.linalg.norm(first)
     angles = 2 * np.pi * np.arange(_SIDES) / _SIDES

@@ -1,0 +1,1 @@
+"""Time and choices of pictures."""

@@ -27,8 +27,8 @@ TOLD = {
     "off_edge_faces.off": "1 face of fewer than three corners skipped",
     "ply_face_one_corner_bin.ply": "1 face of fewer than three corners skipped",
     "ply_face_zero_corners.ply": "1 face of fewer than three corners skipped",
-    "ply_trailing_bytes.ply": "11 bytes behind the end skipped",
-    "stl_bin_trailing.stl": "92 bytes behind the end skipped",
+    "ply_trailing_bytes.ply": "11 bytes after the end skipped",
+    "stl_bin_trailing.stl": "92 bytes after the end skipped",
     "stl_no_endsolid.stl": "does not end",
 }
 REFUSED = {"obj_utf16.obj": "UTF-16"}

@@ -95,7 +95,7 @@ def _parse(data: bytes, kind: str, limits: MeshLimits) -> ParsedMesh:
     except Exception as error:  # damaged files fail in all kinds of ways
         raise MeshReadError(f"the {kind} file is damaged or incomplete") from error
     if not len(parsed.faces):
-        raise MeshReadError(f"the {kind} file holds no triangles")
+        raise MeshReadError(f"the {kind} file contains no triangles")
     limits.check(_places(parsed, kind, limits), len(parsed.faces))
     return parsed
 

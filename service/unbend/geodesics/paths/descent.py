@@ -85,7 +85,7 @@ def _cheapest_edge(half_edges, offsets, corners, field, shrink, vertex):
 
 @kernel
 def _enter(half_edges, field, half_edge):
-    """Return the half-edge that enters the next face; of several faces, the one whose corner is nearest to the source."""
+    """Return the half-edge that enters the next face; of several, the one whose corner is nearest to the source."""
     chosen = entry = half_edges[half_edge].twin
     while half_edges[entry].twin != half_edge:
         entry = half_edges[entry].twin

@@ -18,7 +18,7 @@ _COMPRESSED: Final = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "
 def item_of(items: Any, index: Any) -> Any:
     """Return the item at `index` of a list in the JSON; raise MeshReadError if there is none."""
     if not isinstance(items, list) or type(index) is not int or not 0 <= index < len(items):
-        raise MeshReadError(f"the glb file refers to item {repr(index)[:40]} of a list that does not have it")
+        raise MeshReadError(f"the glb file refers to item {repr(index)[:40]}, which does not exist")
     return items[index]
 
 

@@ -20,8 +20,8 @@ def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tupl
 
     A contour separates the part of the surface below the level from the part at or above the level. So it has no gaps
     at vertices with exactly that value. It may run along edges there, but not inside a triangle whose values all equal
-    the level. A single vertex at the level, with lower values all around it, has no contour. Along a crest of edges at
-    the level, the contour runs back and forth.
+    the level. A single vertex at the level that is a local maximum or minimum has no contour. Along a crest of edges
+    at the level, the contour runs back and forth.
 
     Parameters
     ----------

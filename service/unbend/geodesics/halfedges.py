@@ -111,8 +111,8 @@ def previous_in_cycle(twins, half_edge):
 def relink(twins, old, new, nexts, previous):
     """Put half-edges `new` in the places of `old` in the cycles of their edges.
 
-    `nexts` and `previous` are the half-edges after and before each of `old`, -1 on the boundary. They are read before
-    the faces change.
+    `nexts` and `previous` are the next and the previous half-edge of each of `old` in its cycle, -1 on the boundary.
+    Callers read them before they change the faces.
     """
     for k in range(len(old)):
         twins[new[k]] = nexts[k]

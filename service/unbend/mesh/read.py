@@ -57,7 +57,7 @@ def read_mesh(
     MeshFormatError
         If the format is none of these.
     MeshReadError
-        If the file is damaged. The message says where.
+        If the file is damaged. The message says where, if that is known.
     MeshTooLargeError
         If the file exceeds `limits`. Announced numbers are checked before the file is parsed.
     MeshGeometryError

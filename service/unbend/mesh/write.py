@@ -38,7 +38,7 @@ def write_mesh(
     ----------
     vertices : (n, 3) float64
         Only vertices without a face may have coordinates that are not finite. In all formats except npz, these
-        coordinates become zero, and so do their texture coordinates.
+        coordinates become zero, and so do texture coordinates that are not finite.
     faces : (m, 3) int32
     file_type : str
         "ply", "obj", "off", "glb", "json" (members `vertices` and `faces`) or "npz" (arrays of the same names). ply and

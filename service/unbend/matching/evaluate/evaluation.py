@@ -65,7 +65,7 @@ class Evaluation:
 
     @property
     def confusion(self) -> Indices:
-        """Counts of queries by class (row) and class of the nearest shape (column), in the order of `labels`, (k, k)."""
+        """Counts of queries by class (row) and class of the nearest shape (column), ordered as `labels`, (k, k)."""
         size = len(self.labels)
         pairs = self.query_classes.astype(np.int64) * size + self.nearest_classes
         return np.bincount(pairs, minlength=size * size).reshape(size, size)
@@ -195,7 +195,7 @@ def _check(distances: Floats | Singles, codes: tuple[Codes, Codes, Codes], own: 
 
 def _check_own(own: Indices, queries: Codes, gallery: Codes) -> None:
     if own.shape != queries.shape or ((own < 0) | (own >= len(gallery))).any():
-        raise ParameterError(f"own must have a row of the gallery (0 to {len(gallery) - 1}) for each query")
+        raise ParameterError(f"own must be a row of the gallery (0 to {len(gallery) - 1}) for each query")
     if (gallery[own] != queries).any():
         raise ParameterError(f"query {np.flatnonzero(gallery[own] != queries)[0]} has another class in the gallery")
     if not (np.bincount(gallery)[queries] > 1).any():

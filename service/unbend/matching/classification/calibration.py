@@ -75,10 +75,10 @@ def is_known(query: Query, code: int, slack: float) -> bool | None:
 
     Notes
     -----
-    Two other rules are worse. The first accepts a query if it is no farther from the nearest member than any member is
-    from its own nearest neighbour. For a class of n members this conformal prediction (Vovk et al. 2005) rejects one in
-    n + 1 of the class's queries, and a single outlier widens the class for all queries. The second accepts a query that
-    is near any class, not only the best class. It accepts nearly everything if one class is wide.
+    Two other rules are worse. The first accepts a query if its distance from the nearest member is at most the largest
+    distance of a member from its own nearest neighbour. For a class of n members this conformal prediction (Vovk et al.
+    2005) rejects one in n + 1 of the class's queries, and a single outlier widens the class for all queries. The second
+    accepts a query that is near any class, not only the best class. It accepts nearly everything if one class is wide.
 
     `benchmarks/retrieval/classification.py` measures how often a query of a class is rejected, and how often a query of
     no class is accepted. It chose the rule on half of the classes, by the least sum of both rates, and reports on the

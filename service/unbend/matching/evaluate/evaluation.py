@@ -48,7 +48,7 @@ class Evaluation:
     queries: int
     """The number of queries, including unanswered ones."""
     unanswered: int
-    """The number of queries without a signature. They count as wrong in `accuracy`, and nowhere else."""
+    """The number of queries without a signature. They count as wrong in `accuracy`; the metrics ignore them."""
     precision_recall: PrecisionRecall
     classes: tuple[ClassMetrics, ...]
     """The classes of the queries, in the order of `labels`."""

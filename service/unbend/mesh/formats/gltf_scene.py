@@ -74,7 +74,7 @@ def node_matrix(node: dict[str, Any]) -> Floats:
 
 
 def transformed(vertices: Floats, faces: Indices, matrix: Floats) -> tuple[Floats, Indices]:
-    """Return a mesh transformed by `matrix` (4, 4). If that is a reflection, reverse the faces to keep their front."""
+    """Return a mesh transformed by `matrix` (4, 4). If that mirrors it, reverse the faces to keep their front."""
     if (matrix == np.eye(4)).all():
         return vertices, faces  # without rounding
     with np.errstate(all="ignore"):

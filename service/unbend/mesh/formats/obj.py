@@ -23,7 +23,7 @@ from unbend.mesh.formats.polygons import triangulated
 from unbend.mesh.formats.text import MARK, Table, leading_numbers, lines_of, plain, shown, table, without_comments
 from unbend.mesh.limits import MeshLimits
 
-_LOOKED_AT: Final = 2**20  # bytes that are searched for a first vertex; after more, only the name shows the format
+_LOOKED_AT: Final = 2**20  # bytes that are searched for a first vertex or face
 _FIRST: Final = re.compile(rb"(?:^|[\r\n]|%b)[ \t]*[vf][ \t]+[-+.\d]" % MARK, re.IGNORECASE)  # in linear time
 _CONTINUED: Final = re.compile(rb"\\[ \t]*\n(?![ \t]*(?:v[nt]?|f)[ \t]+[-+.\d])", re.IGNORECASE)
 _INDENTED: Final = re.compile(rb"^[ \t\v\f]", re.MULTILINE)

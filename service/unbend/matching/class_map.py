@@ -23,7 +23,7 @@ _ANCHORS: Final = 200
 
 @dataclass(frozen=True, eq=False)
 class ClassMap:
-    """A point for each shape, in the principal axes of all points. Distances define it up to rotation and reflection."""
+    """A point for each shape, in the principal axes of all. Distances define the map up to rotation and reflection."""
 
     points: Floats
     """(n, m)."""

@@ -1,8 +1,8 @@
 """The effect of an edge collapse on the topology, by the link condition (Dey et al. 1999).
 
 A collapse keeps the topology if the links of both ends meet only in the link of the edge. A crease is a boundary or an
-edge of three faces or more. A vertex at a crease may move only along the crease, which follows from the same condition
-if one more vertex is added that is connected to every crease.
+edge of three faces or more. A vertex at a crease may move only along the crease. The same condition ensures this if one
+more vertex is added that is connected to every crease.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tupl
     if values.shape != (len(surface.vertices),):
         raise ParameterError(f"values must be ({len(surface.vertices)},), one for each vertex, not {values.shape}")
     if np.isnan(values[surface.used_vertices]).any():
-        raise ParameterError("values: one of them is NaN")
+        raise ParameterError("values: one of them is not a number")
     if levels.ndim != 1 or not np.isfinite(levels).all():
         raise ParameterError("levels must be one or more finite numbers")
     lowest, highest = np.empty(len(surface.faces)), np.empty(len(surface.faces))

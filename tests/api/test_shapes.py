@@ -396,7 +396,7 @@ def test_geodesics_from_a_vertex_that_vanished_are_refused_in_words(http):
     for params, name in (({"source": 70}, "source"), ({"source": 0, "target": 70}, "target")):
         response = http.get(url, params=params)
         assert (response.status_code, response.json()["code"]) == (409, "unsuited")
-        assert response.json()["detail"] == f"{name}: vertex 70 vanished when the mesh was simplified"
+        assert response.json()["detail"] == f"{name}: vertex 70 was removed when the mesh was simplified"
     problem = http.get(url, params={"source": 78})
     assert (problem.status_code, problem.json()["detail"]) == (409, "source: the mesh has no vertex 78, only 0 to 77")
 

@@ -42,7 +42,7 @@ def test_vertices_of_a_simplified_mesh_are_near_their_places_on_the_surface(comp
 
 def test_a_vertex_that_vanished_is_refused_with_its_number_in_the_file():
     surface = read(max_vertices=300)
-    with pytest.raises(ParameterError, match="target: vertex 800 vanished when the mesh was simplified"):
+    with pytest.raises(ParameterError, match="target: vertex 800 was removed when the mesh was simplified"):
         surface_vertex(surface, LARGE, "target")
 
 

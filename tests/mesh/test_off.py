@@ -86,11 +86,11 @@ def test_lines_may_break_anywhere(blanks):
     [
         (
             f"OFF\n5 3 0\n{behind(ROWS, '#')}{behind(FACES, 'red')}",
-            "words skipped that are no numbers, at the end of 3 lines",
+            "words that are not numbers skipped at the end of 3 lines",
         ),
-        (f"COFF\n5 3 0\n{behind(ROWS, '1_0 0 0')}{FACES}", "words skipped that are no numbers, at the end of 5 lines"),
-        (PLAIN + "the end\n", "1 line behind the end skipped"),
-        (PLAIN + "3 0 1 2\n\n3 0 1 2\n", "2 lines behind the end skipped"),
+        (f"COFF\n5 3 0\n{behind(ROWS, '1_0 0 0')}{FACES}", "words that are not numbers skipped at the end of 5 lines"),
+        (PLAIN + "the end\n", "1 line after the end skipped"),
+        (PLAIN + "3 0 1 2\n\n3 0 1 2\n", "2 lines after the end skipped"),
         (PLAIN.replace("5 3", "5 6") + "2 0 1\n1 0\n0\n", "3 faces of fewer than three corners skipped"),
     ],
 )
@@ -131,7 +131,7 @@ def test_binary_files_are_read(data):
 def test_binary_files_may_hold_polygons_and_say_what_is_behind_them():
     surface = read_mesh(binary(faces=[[0, 1, 2, 3], [0, 1], [0, 1, 4]]) + b"more")
     np.testing.assert_array_equal(surface.faces, TRIANGLES)
-    for note in ("4 bytes behind the end skipped", "1 face of fewer than three corners skipped"):
+    for note in ("4 bytes after the end skipped", "1 face of fewer than three corners skipped"):
         assert note in surface.report.notes
 
 
@@ -140,15 +140,15 @@ def test_binary_files_may_hold_polygons_and_say_what_is_behind_them():
     [
         (binary()[:-1], MeshReadError, "ends early"),
         (binary()[:15], MeshReadError, "before its counts"),
-        (binary(faces=[[0, 1, 5]]), MeshReadError, "face 0: a face with vertex 5"),
-        (binary(faces=[[0, 1, -1]]), MeshReadError, "face 0: a face with vertex -1"),
-        (b"nOFF BINARY\n\0\0\0\4" + binary()[11:], MeshFormatError, "three dimensions"),
-        (f"nOFF\n4\n5 3 0\n{behind(ROWS, '1')}{FACES}".encode(), MeshFormatError, "three dimensions"),
+        (binary(faces=[[0, 1, 5]]), MeshReadError, "face 0: a face uses vertex 5"),
+        (binary(faces=[[0, 1, -1]]), MeshReadError, "face 0: a face uses vertex -1"),
+        (b"nOFF BINARY\n\0\0\0\4" + binary()[11:], MeshFormatError, "not three-dimensional"),
+        (f"nOFF\n4\n5 3 0\n{behind(ROWS, '1')}{FACES}".encode(), MeshFormatError, "not three-dimensional"),
         (PLAIN.replace("5 3 0", "-5 3 0").encode(), MeshReadError, "line 2: a count is negative"),
         (PLAIN.replace("5 3 0", "5.5 3 0").encode(), MeshReadError, "line 2: the counts"),
-        (PLAIN.replace("3 0 1 2", "3 0 1 2.5").encode(), MeshReadError, "line 8: 2.5 is not a vertex"),
-        (PLAIN.replace("3 0 1 2", "3 0 -1 2").encode(), MeshReadError, "line 8: a face with vertex -1"),
-        (PLAIN.replace("3 0 1 2", "1e9 0 1 2").encode(), MeshReadError, "line 8: a face with 3 of 1000000000 corners"),
+        (PLAIN.replace("3 0 1 2", "3 0 1 2.5").encode(), MeshReadError, "line 8: 2.5 is not the index of a vertex"),
+        (PLAIN.replace("3 0 1 2", "3 0 -1 2").encode(), MeshReadError, "line 8: a face uses vertex -1"),
+        (PLAIN.replace("3 0 1 2", "1e9 0 1 2").encode(), MeshReadError, "line 8: a face has 3 of 1000000000 corners"),
         (PLAIN.replace("1 1 0", "1 1-2 0").encode(), MeshReadError, "line 5: .* found '1 1-2 0'"),
         (PLAIN.replace("1 1 0", "1 1,5 0").encode(), MeshReadError, "line 5: .* found '1 1,5 0'"),
         (PLAIN.replace("5 3 0", "6 3 0").encode(), MeshReadError, "ends early"),

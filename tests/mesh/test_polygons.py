@@ -141,7 +141,7 @@ def test_polygons_of_all_kinds_keep_their_order():
     assert faces[[0, -1]].tolist() == [[4, 5, 6], [6, 5, 4]]
     assert faces[3].tolist() == [4, 5, 6]
     assert sorted(faces[1:3].ravel().tolist()) == [0, 0, 1, 2, 2, 3]
-    assert notes == ("1 corner skipped: the one before was the same", "1 face of fewer than three corners skipped")
+    assert notes == ("1 repeated corner skipped", "1 face of fewer than three corners skipped")
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_polygons_of_all_kinds_keep_their_order():
 def test_crossing_and_flat_polygons_are_told(outline):
     _, notes = cut(in_plane(outline))
     assert len(notes) == 1
-    assert "edges that cross, or without an area" in notes[0]
+    assert "crossing edges or no area" in notes[0]
 
 
 def test_a_corner_that_is_not_finite_is_left_to_repair():
@@ -175,7 +175,7 @@ def test_limits_hold_before_triangles_are_made():
 def test_a_polygon_too_large_to_clip_is_refused():
     teeth = np.arange(100_001)
     outline = np.concatenate([np.column_stack([teeth, teeth % 2 * 9.0]), [[1e5, -1], [0, -1]]])
-    with pytest.raises(MeshReadError, match="corners that is not convex"):
+    with pytest.raises(MeshReadError, match="face that is not convex"):
         cut(in_plane(outline))
 
 

@@ -49,13 +49,13 @@ def check(data: str | bytes, hint: str | None = None) -> tuple[str, ...]:
     "header",
     [b"", b"solid made by", b"solid facet normal", b"ply\n", b"OFF 2 3 4", b"v 1 2 3\nf 1", b"glTF\2\0\0\0", b"PK\3\4"],
 )
-@pytest.mark.parametrize(("behind", "notes"), [(b"", ()), (b"x", ("1 byte behind the end skipped",)), (bytes(92), ...)])
+@pytest.mark.parametrize(("behind", "notes"), [(b"", ()), (b"x", ("1 byte after the end skipped",)), (bytes(92), ...)])
 def test_a_binary_file_is_told_by_its_length(header, behind, notes):
-    assert check(binary(header, behind=behind)) == (("92 bytes behind the end skipped",) if notes is ... else notes)
+    assert check(binary(header, behind=behind)) == (("92 bytes after the end skipped",) if notes is ... else notes)
 
 
 def test_normals_that_are_no_numbers_count_for_nothing():
-    assert check(binary(normals=np.nan, behind=b"more")) == ("4 bytes behind the end skipped",)
+    assert check(binary(normals=np.nan, behind=b"more")) == ("4 bytes after the end skipped",)
 
 
 @pytest.mark.parametrize(
@@ -87,10 +87,10 @@ def test_text_in_other_manners_is_the_same(data):
 @pytest.mark.parametrize(
     ("data", "note"),
     [
-        (TEXT[: TEXT.index("endsolid")], "does not end"),
-        (TEXT + "solid two\n", "does not end"),
-        (TEXT.removeprefix("solid part\n"), "does not begin"),
-        (TEXT.replace(" facet", " hello\n facet"), "2 lines skipped"),
+        (TEXT[: TEXT.index("endsolid")], "no end"),
+        (TEXT + "solid two\n", "no end"),
+        (TEXT.removeprefix("solid part\n"), "no beginning"),
+        (TEXT.replace(" facet", " hello\n facet"), "2 unknown lines skipped"),
     ],
 )
 def test_what_is_skipped_is_told(data, note):
@@ -108,19 +108,19 @@ def test_a_facet_of_four_corners_is_a_polygon():
 @pytest.mark.parametrize(
     ("data", "error", "message"),
     [
-        (binary(count=3), MeshReadError, "announces 3 facets, and there are 2"),
-        (binary()[:-1], MeshReadError, "announces 2 facets, and there are 1"),
-        (binary(b"part")[:70], MeshReadError, "70 bytes where its header has 84"),
-        (binary(b"solid x", count=3), MeshReadError, "announces 3 facets, and there are 2"),
+        (binary(count=3), MeshReadError, "announces 3 facets, but has 2"),
+        (binary()[:-1], MeshReadError, "announces 2 facets, but has 1"),
+        (binary(b"part")[:70], MeshReadError, "70 bytes, while the header alone has 84"),
+        (binary(b"solid x", count=3), MeshReadError, "announces 3 facets, but has 2"),
         (binary(count=0)[:84], MeshReadError, "no triangles"),
-        (binary(count=0), MeshReadError, "announces 0 facets, and there are 2"),
-        (20 * "a page of text\n", MeshReadError, "is text, and does not begin with a facet"),
-        ("a page\n", MeshReadError, "no text that begins with a solid"),
+        (binary(count=0), MeshReadError, "announces 0 facets, but has 2"),
+        (20 * "a page of text\n", MeshReadError, "is text, but does not begin with a facet"),
+        ("a page\n", MeshReadError, "does not begin with a solid"),
         ("solid x\nendsolid x\n", MeshReadError, "no triangles"),
         (
             TEXT.replace("vertex 1.000000e+00 1", "vertx 1.000000e+00 1"),
             MeshReadError,
-            "line 10: a facet with 2 of three",
+            "line 10: a facet has only 2 of three",
         ),
         (
             TEXT.replace("5.000000e-01", "0,5"),
@@ -128,7 +128,11 @@ def test_a_facet_of_four_corners_is_a_polygon():
             "line 12: three coordinates expected, found 'vertex .* 0,5'",
         ),
         (TEXT.replace("5.000000e-01", ""), MeshReadError, "line 12: three coordinates"),
-        (TEXT[: TEXT.rindex("   vertex")], MeshReadError, "line 9: a facet with 2 of three|line 10: a facet with 2"),
+        (
+            TEXT[: TEXT.rindex("   vertex")],
+            MeshReadError,
+            "line 9: a facet has only 2 of three|line 10: a facet has only 2",
+        ),
         (TEXT.replace(" endfacet\n facet normal 0 0 1\n  outer loop\n", ""), MeshReadError, "outside a facet"),
         (TEXT.encode("utf-16"), MeshFormatError, "UTF-16"),
     ],

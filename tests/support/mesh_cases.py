@@ -22,14 +22,14 @@ AREAS = {
 }  # fmt: skip
 TOLD = {
     "glb_skinned_node_scaled.glb": "1 mesh with a skin",
-    "glb_skinned_body_and_prop.glb": "2 meshes in 2 places",
+    "glb_skinned_body_and_prop.glb": "2 instances of 2 meshes",
     "obj_two_corner_face.obj": "1 face of fewer than three corners skipped",
     "off_edge_faces.off": "1 face of fewer than three corners skipped",
     "ply_face_one_corner_bin.ply": "1 face of fewer than three corners skipped",
     "ply_face_zero_corners.ply": "1 face of fewer than three corners skipped",
-    "ply_trailing_bytes.ply": "11 bytes behind the end skipped",
-    "stl_bin_trailing.stl": "92 bytes behind the end skipped",
-    "stl_no_endsolid.stl": "does not end",
+    "ply_trailing_bytes.ply": "11 bytes after the end skipped",
+    "stl_bin_trailing.stl": "92 bytes after the end skipped",
+    "stl_no_endsolid.stl": "no end",
 }
 REFUSED = {"obj_utf16.obj": "UTF-16"}
 

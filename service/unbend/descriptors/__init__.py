@@ -1,1 +1,1 @@
-"""Descriptors: vectors computed from a signature, by which shapes are compared."""
+"""Descriptors: vectors that describe a shape, for the comparison of shapes."""

@@ -1,4 +1,4 @@
-"""The effective dimension of a shape, a bending invariant by itself (section 3: m, "an invariant measure")."""
+"""The effective dimension m of a shape, which is itself a bending invariant (section 3: "an invariant measure")."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def dimension_vector(distances: Floats) -> Floats:
     Returns
     -------
     (7,) float64
-        The dimension comes first: the fewest, up to 12, with an error of at most 5 %.
+        First the effective dimension: the least number of dimensions, up to 12, with an error of at most 5 %. Then the
+        errors.
     """
     errors = representation_errors(distances)
     vector = np.zeros(1 + ERRORS)

@@ -13,10 +13,10 @@ _LEVELS: Final = (np.arange(64) + 0.5) / 64
 
 
 def distance_distribution(distances: Floats, points: Floats, weights: Floats) -> Floats:
-    """Return quantiles of the distances between two points chosen at random by area.
+    """Return quantiles of the distances between two points that are chosen at random by area.
 
-    A small change can move a value across the edge of a histogram's bin, but quantiles have no edges. The L1 distance
-    between them is the earth mover's distance between the distributions.
+    Quantiles change continuously, while a histogram jumps when a value crosses the edge of a bin. The L1 distance
+    between quantiles is the earth mover's distance between the distributions.
 
     Parameters
     ----------

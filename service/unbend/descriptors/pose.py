@@ -9,30 +9,31 @@ import numpy as np
 from unbend.arrays import Floats
 
 _SYMMETRIC: Final = 1e-6
-"""Share of the mean of |x|^3 below which a third moment is rounding, for coordinates in single precision."""
+"""A third moment below this share of the mean of |x|^3 counts as rounding error of single precision coordinates."""
 
 _AWAY: Final = 0.5
-"""Least distance of a point that may choose an axis' sign, as a share of the farthest point's."""
+"""Least distance of a point that may determine the sign of an axis, as a share of the largest distance."""
 
 
 def principal_pose(points: Floats, weights: Floats) -> Floats:
     """Centre `points` (n, m) and rotate them so that their second moments are diagonal and falling.
 
-    Each axis points to the side of its larger third moment. If that is zero up to rounding, as on symmetric shapes,
-    the first point far from the axis' origin decides: this depends on the order of the points, but not on the
-    rounding of their coordinates. Where two second moments are equal, the axes in their plane are arbitrary. No
-    continuous choice exists in either case, so descriptors do not use the pose (`moments`).
+    Each axis points in the direction in which its third moment is positive. If the third moment is zero up to rounding,
+    as on symmetric shapes, the first point far from the origin along the axis decides. That choice depends on the order
+    of the points, but not on the rounding of their coordinates. If two second moments are equal, the axes in their
+    plane are arbitrary. In neither case is there a continuous choice, so descriptors do not depend on the pose (see
+    `moments`).
 
     Parameters
     ----------
     points : (n, m) float64
     weights : (n,) float64
-        Area that each point represents: not negative, of any positive sum.
+        Area that each point represents: not negative, with a positive sum.
 
     Returns
     -------
     (n, m) float64
-        The points moved by a rotation or a reflection; scale is kept.
+        The centred points after a rotation or a reflection. The scale is kept.
     """
     share = weights / weights.sum()
     centred = points - share @ points
@@ -41,13 +42,13 @@ def principal_pose(points: Floats, weights: Floats) -> Floats:
 
 
 def in_principal_axes(centred: Floats, share: Floats) -> Floats:
-    """Return centred points (n, m) in coordinates along their principal axes, second moments falling."""
+    """Return centred points (n, m) in the coordinates of their principal axes, sorted by falling second moments."""
     _, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
     return np.asarray(centred @ axes[:, ::-1])
 
 
 def _signs(turned: Floats, share: Floats) -> Floats:
-    """Return the sign that each axis is multiplied by, 1 or -1, (m,)."""
+    """Return the sign by which each axis is multiplied, 1 or -1, (m,)."""
     size = np.abs(turned)
     skew, whole = share @ turned**3, share @ size**3
     first = np.take_along_axis(turned, (size > _AWAY * size.max(axis=0)).argmax(axis=0)[None], axis=0)[0]

@@ -10,18 +10,19 @@ from unbend.arrays import Floats, Ints
 
 _OUTER, _INNER = 0.445948490915965, 0.091576213509771
 _RULE: Final[tuple[tuple[float, float], ...]] = ((_OUTER, 0.223381589678011), (_INNER, 0.109951743655322))
-"""Six points of degree 4 (Strang & Fix 1973; Dunavant 1985): coordinate of two corners, weight."""
+"""A rule of six points and degree 4 (Strang & Fix 1973; Dunavant 1985): a coordinate of two corners, and a weight."""
 
 _ROUNDING: Final = 1e-14
-"""Squared sine of the angle below which three points are a line in double precision."""
+"""Three points count as a line if the squared sine of their angle is below this, the limit of double precision."""
 
 
 def surface_quadrature(points: Floats, faces: Ints, weights: Floats) -> tuple[Floats, Floats]:
     """Return points and weights that integrate cubic polynomials exactly over triangles.
 
-    A signature's triangles do not have the area of the surface they represent, so each sample's area is spread over
-    the triangles around it. The density is linear in each triangle, and the integral of each vertex' hat function is
-    near its weight. If each weight is a third of the triangles around its vertex, the density is 1.
+    The triangles of a signature do not have the area of the surface that they represent, so the area of each sample is
+    spread over the triangles around it. The density is linear in each triangle, and the integral of each vertex' hat
+    function is near its weight. If each weight is a third of the area of the triangles around its vertex, the density
+    is 1.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ def surface_quadrature(points: Floats, faces: Ints, weights: Floats) -> tuple[Fl
     Returns
     -------
     points : (6 f + r, m) float64
-        The last r points are vertices of positive weight without a triangle of positive area.
+        The last r points are the vertices of positive weight that have no triangle of positive area.
     weights : (6 f + r,) float64
     """
     corners = points[faces]
@@ -55,7 +56,7 @@ def _permuted(own: float, other: float, corner: int) -> Floats:
 
 
 def _areas(corners: Floats) -> Floats:
-    """Return areas of triangles (f, 3, m) in any dimension; 0 if the area is only rounding, as on a line."""
+    """Return areas of triangles (f, 3, m) in m dimensions, 0 if the corners are on a line up to rounding."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     aa, bb, ab = ((x * y).sum(axis=1) for x, y in ((a, a), (b, b), (a, b)))
     squares = aa * bb - ab * ab

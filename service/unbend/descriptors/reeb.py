@@ -1,4 +1,4 @@
-"""The Reeb graph of the mean geodesic distance, whose nodes are parts of a shape (Hilaga et al. 2001)."""
+"""The Reeb graph of the mean geodesic distance. Its nodes are parts of a shape (Hilaga et al. 2001)."""
 
 from __future__ import annotations
 
@@ -12,20 +12,24 @@ from scipy.sparse.csgraph import connected_components
 from unbend.arrays import Floats, Indices, Ints
 
 LEVELS: Final = 4
-"""Number of resolutions: 1, 2, 4 and 8 intervals. There are too few samples for finer ones."""
+"""Number of resolutions: 1, 2, 4 and 8 intervals. There are too few samples for finer resolutions."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReebGraph:
-    """A graph whose nodes are connected parts of a surface with mean distances to all points in one interval."""
+    """A graph of parts of a surface.
 
-    intervals: Indices  # (n,)
+    A part is a connected set of points whose mean distances to all other points are in the same interval.
+    """
+
+    intervals: Indices
+    """The interval of each part, (n,)."""
     areas: Floats
-    """Share of the surface, (n,)."""
+    """The share of the surface's area in each part, (n,)."""
     lows: Floats
-    """Least mean distance in each part, (n,), as a share of the greatest of all."""
+    """Least height in each part, (n,): see `reeb_graph`."""
     highs: Floats
-    """Greatest mean distance in each part, (n,), as a share of the greatest of all."""
+    """Greatest height in each part, (n,)."""
     edges: Indices
     """Pairs of parts that touch, (e, 2)."""
 
@@ -43,12 +47,14 @@ class ReebGraph:
         return cls(intervals.astype(np.int64), areas, lows, highs, pairs)
 
     def coarser(self) -> tuple[ReebGraph, Indices]:
-        """Return the graph of intervals twice as long, and for each part the part that contains it, (n,)."""
+        """Return the graph with intervals twice as long, and for each part the new part that contains it, (n,)."""
         return _merged(self.intervals // 2, self.areas, self.lows, self.highs, self.edges)
 
 
 def reeb_graph(distances: Floats, faces: Ints, weights: Floats) -> ReebGraph:
     """Return the Reeb graph of a signature's samples in 2^(LEVELS - 1) intervals (Hilaga et al., "Topology matching").
+
+    The height of a sample is its mean distance minus the least mean distance, divided by the greatest mean distance.
 
     Parameters
     ----------

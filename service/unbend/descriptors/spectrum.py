@@ -1,4 +1,4 @@
-"""Geodesic spectrum, after Smeets et al., "Isometric deformation invariant 3D shape recognition" (2012: SD-GDM)."""
+"""The geodesic spectrum, after Smeets et al., "Isometric deformation invariant 3D shape recognition" (2012: SD-GDM)."""
 
 from __future__ import annotations
 
@@ -12,25 +12,28 @@ from unbend.arrays import Floats
 from unbend.tolerances import DENSITY_FLOOR, SPECTRUM_FLOOR
 
 Kernel = Callable[[Floats, Floats], Floats]
-"""A function of distance: takes distances (k, k) on a surface of area 1 and the samples' shares of the area (k,), and
-returns a matrix (k, k)."""
+"""A function of distances (k, k) on a surface of area 1 and of the samples' shares of the area (k,).
+
+It returns a matrix (k, k).
+"""
 
 
 def three_quarters(distances: Floats, _shares: Floats) -> Floats:
-    """Return d^0.75, which describes the whole surface, by two roots: they are faster than a power."""
+    """Return d^0.75, a kernel of global scale."""
+    # Two square roots are faster than a power.
     return np.asarray(np.sqrt(distances * np.sqrt(distances)))
 
 
 def gaussian(width: float) -> Kernel:
-    """Return exp(-(d / s)^2), which describes what lies within a distance of about s."""
+    """Return exp(-(d / s)^2), a kernel of scale s."""
     return lambda distances, _shares: np.asarray(np.exp(-((distances / width) ** 2)))
 
 
 def diffusion(width: float) -> Kernel:
-    """Return the random walk of a Gaussian step, in its symmetric form, independent of how dense the samples are.
+    """Return the symmetric form of a random walk with Gaussian steps, corrected for the density of the samples.
 
-    Coifman & Lafon, "Diffusion maps" (2006), section 3.4, with alpha = 1: the logarithms of its eigenvalues tend to
-    those of the Laplace-Beltrami operator times -s^2 / 4, as samples grow denser and s smaller.
+    Coifman & Lafon, "Diffusion maps" (2006), section 3.4, with alpha = 1. As samples become denser and s smaller, the
+    logarithms of the eigenvalues tend to the eigenvalues of the Laplace-Beltrami operator times -s^2 / 4.
     """
     affinity = gaussian(width)
 
@@ -47,17 +50,17 @@ def diffusion(width: float) -> Kernel:
 KERNELS: Final[tuple[tuple[Kernel, int], ...]] = ((three_quarters, 60), (diffusion(0.14), 20), (gaussian(0.3), 40))
 """Kernels from global to local scale, each with the number of eigenvalues that are kept.
 
-`benchmarks/retrieval/choice.py` chose them among combinations of kernels, widths and counts, on half of the classes.
+`benchmarks/retrieval/choice.py` chose kernels, widths and counts on half of the classes.
 """
 
 
 def geodesic_spectrum(distances: Floats, weights: Floats, kernels: Sequence[tuple[Kernel, int]] = KERNELS) -> Floats:
     """Return the logarithms of the largest eigenvalues of the area-weighted distance matrix, under several kernels.
 
-    For a kernel f these are the eigenvalues of diag(sqrt w) f(D) diag(sqrt w), by magnitude. They approximate
-    those of the operator that averages f(d(x, .)) over the surface, so they do not depend on the order of the samples
-    and, as the samples grow denser, not on which samples were chosen. On real shapes, differences of logarithms are of
-    similar size under all kernels, so the kernels need no weights.
+    For a kernel f these are the eigenvalues of largest magnitude of diag(sqrt w) f(D) diag(sqrt w). They approximate
+    the eigenvalues of the operator that averages f(d(x, .)) over the surface. So they do not depend on the order of the
+    samples, and, as the samples become denser, they do not depend on the choice of samples. On real shapes, differences
+    of logarithms have similar sizes under all kernels, so the kernels need no weights.
 
     Parameters
     ----------
@@ -71,8 +74,8 @@ def geodesic_spectrum(distances: Floats, weights: Floats, kernels: Sequence[tupl
     Returns
     -------
     (120,) float64
-        60 + 20 + 40 logarithms, falling within each kernel. With fewer samples, the missing values are the
-        floor, the logarithm of `tolerances.SPECTRUM_FLOOR`.
+        60 + 20 + 40 logarithms, falling within each kernel. With fewer samples, missing values are the logarithm of
+        `tolerances.SPECTRUM_FLOOR`.
     """
     root = np.sqrt(weights)
     return np.concatenate(

@@ -13,11 +13,11 @@ from unbend.arrays import Floats
 from unbend.errors import ParameterError
 from unbend.tolerances import SYMMETRY
 
-_LARGEST_POWER: Final = 200  # exponent of two: double precision ends at 1024, and fourth powers are added
+_LARGEST_POWER: Final = 200  # exponent of two: sums of fourth powers must stay below 2^1024
 
 
 def check_distances(distances: ArrayLike) -> Floats:
-    """Return a distance matrix as float64, or raise ParameterError."""
+    """Return a valid distance matrix as float64, or raise ParameterError."""
     matrix = _square(distances, "distances")
     if not np.isfinite(matrix).all():
         row, column = np.argwhere(~np.isfinite(matrix))[0]
@@ -55,9 +55,9 @@ def check_point_weights(weights: ArrayLike, count: int) -> Floats:
 
 
 def scaled_to_range(matrix: Floats) -> tuple[Floats, int]:
-    """Return `matrix` divided by a power of two, and its exponent, so that fourth powers stay in double precision.
+    """Divide `matrix` by a power of two, so that fourth powers are in the range of double precision.
 
-    If they do already, the exponent is 0 and the matrix is returned unchanged.
+    Return the result and the exponent. The exponent is 0 if the matrix needs no scaling.
     """
     power = int(np.frexp(matrix.max())[1])
     return (matrix, 0) if abs(power) <= _LARGEST_POWER else (np.ldexp(matrix, -power), power)

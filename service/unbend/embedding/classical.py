@@ -24,10 +24,12 @@ def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None
     Returns
     -------
     points : (n, dimensions) float64
-        V L^(1/2) with the largest eigenvalues, centred with the weights. Columns are zero if their eigenvalue is not
-        positive or there are too few points. Each column's largest entry is positive, so that runs agree.
+        V L^(1/2) for the largest eigenvalues, centred with the weights. A column is zero if its eigenvalue is not
+        positive, or if there are too few points. The entry of largest magnitude in each column is positive, so that all
+        runs give the same points.
     eigenvalues : (min(n, dimensions),) float64
-        In falling order, negative ones included; with weights, those of W^(1/2) B W^(1/2), W scaled to a mean of 1.
+        In falling order, including negative ones. With weights, the eigenvalues of W^(1/2) B W^(1/2), where W is scaled
+        to a mean of 1.
     """
     count = len(distances)
     kept = min(count, dimensions)
@@ -36,7 +38,7 @@ def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None
     squared = distances**2
     found = None
     if is_worthwhile(count, kept):
-        start = fastmap(distances, kept)[0]  # its axes span nearly the same space
+        start = fastmap(distances, kept)[0]  # the axes of FastMap span nearly the same space
         found = leading_eigenpairs(lambda columns: _inner_times(squared, shares, roots, columns), start)
     if found is None:
         inner = roots[:, None] * inner_products(squared, shares) * roots
@@ -49,7 +51,7 @@ def classical_scaling(distances: Floats, dimensions: int, weights: Floats | None
 
 
 def inner_products(squared: Floats, shares: Floats) -> Floats:
-    """Return B of eq. 4 from squared distances, centred with `shares`, (n,), which sum to 1."""
+    """Return B of eq. 4 from squared distances, centred with `shares` (n,), which sum to 1."""
     means = squared @ shares
     return np.asarray(-0.5 * (squared - means[:, None] - means[None, :] + shares @ means))
 
@@ -64,6 +66,6 @@ def _inner_times(squared: Floats, shares: Floats, roots: Floats, columns: Floats
 
 
 def _signs(points: Floats) -> Floats:
-    """Return the sign of each column's largest entry, (m,)."""
+    """Return the sign of the entry of largest magnitude in each column, (m,)."""
     largest = points[np.abs(points).argmax(axis=0), np.arange(points.shape[1])]
     return np.where(largest < 0, -1.0, 1.0)

@@ -14,7 +14,7 @@ from unbend.errors import ParameterError
 from unbend.tolerances import REPRESENTATION_ERROR
 
 MAX_DIMENSIONS: Final = 12
-"""Largest effective dimension that is reported."""
+"""The largest effective dimension that is reported."""
 
 
 def representation_errors(distances: ArrayLike) -> Floats:
@@ -28,9 +28,9 @@ def representation_errors(distances: ArrayLike) -> Floats:
     Returns
     -------
     (n,) float64
-        Eq. 6 as a share of the whole: the root of sum_{i > m} lambda_i^2 / sum_i lambda_i^2 over the positive
-        eigenvalues of B (eq. 4). Geodesic distances also have negative ones, which no Euclidean space represents. The
-        error falls with m. The share of energy captured is 1 minus its square.
+        Eq. 6, relative: the root of sum_{i > m} lambda_i^2 / sum_i lambda_i^2 over the positive eigenvalues of B
+        (eq. 4). For geodesic distances B also has negative eigenvalues, which no Euclidean space represents. The error
+        falls with m. The share of energy captured is 1 minus the square of the error.
 
     Raises
     ------
@@ -66,7 +66,8 @@ def effective_dimension(
     Returns
     -------
     int
-        A bending invariant by itself (section 3): 2 for developable sheets, mostly 3 or more for closed bodies.
+        At most `most`. It is itself a bending invariant (section 3): 2 for developable sheets, mostly 3 or more for
+        closed surfaces.
 
     Raises
     ------

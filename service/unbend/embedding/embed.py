@@ -1,4 +1,4 @@
-"""`embed`, the public function for all three scaling methods, with checked arguments."""
+"""`embed`: the public function for all three scaling methods, which checks its arguments."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ Criterion = Literal["error", "stress"]
 AUTO: Final = "auto"
 
 MAX_STARTS: Final = 20
-"""Upper bound of `Parameters.starts`; `embed` accepts more."""
+"""Upper bound of `Parameters.starts`. `embed` accepts larger numbers."""
 
 _TRIED_ITERATIONS: Final = 8
-"""Iterations from each of a few starts, before only the one with the lowest stress continues."""
+"""Iterations from each start before only the start with the lowest stress continues."""
 
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Points in a Euclidean space whose distances approximate those given."""
+    """Points in a Euclidean space whose distances approximate the given distances."""
 
     points: Floats  # (n, m)
     stress: float
@@ -51,7 +51,7 @@ class Embedding:
     eigenvalues: Floats
     """Leading eigenvalues of classical scaling, (min(n, m),); empty for "fast".
 
-    They are in squared units of the distances: infinite, or 0, outside the range of double precision.
+    They are in squared units of the distances. Outside the range of double precision they are infinite or 0.
     """
     clipped: int = 0
     """Number of negative squared residuals that FastMap replaced by zero."""
@@ -74,30 +74,32 @@ def embed(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Embedding:
-    """Embed points in `dimensions` dimensions so that their distances are near those given.
+    """Embed points in `dimensions` dimensions so that their distances approximate the given distances.
 
     Parameters
     ----------
     distances : (n, n) array
         Symmetric, finite, not negative, zero on the diagonal; plain distances, not squared.
     dimensions : int or "auto", default 3
-        "auto" takes the fewest in which `criterion` is at most `threshold`, up to 12.
+        "auto" takes the least number, up to 12, for which `criterion` is at most `threshold`.
     method : {"least_squares", "classical", "fast"}
-        Accelerated SMACOF from the lowest of many minima of a few points (lowest stress), classical scaling, or
-        FastMap (fewest operations). The stress of the first is never above that of the others.
+        "least_squares" is accelerated SMACOF from the lowest of many minima of a few points, "classical" is classical
+        scaling, and "fast" is FastMap, which needs the fewest operations. The stress of "least_squares" is never above
+        that of the other methods.
     weights : (n, n) or (n,) array, optional
-        Weights of pairs or of points. Those of pairs, w_ij of eq. 2, are for "least_squares": symmetric, not negative,
-        connecting all points. Those of points, such as the area each represents, are above zero, for "classical" and
-        for "least_squares", where w_ij is the product of both points' weights, each divided by the mean weight.
+        Weights of pairs or of points. Weights of pairs, the w_ij of eq. 2, require "least_squares". They must be
+        symmetric and not negative, and connect all points. Weights of points, such as the area that each represents,
+        require "classical" or "least_squares" and must be above zero. For "least_squares", w_ij is then the product of
+        both points' weights, each divided by the mean weight.
     starts : int, default 0
-        Additional starts of "least_squares", with all points at random places. The lowest stress is returned.
+        Additional starts of "least_squares", with all points at random places. The result of lowest stress is returned.
     seed : int, default 0
-        Seed of random places, not negative: the same seed gives the same points on every run.
+        Seed of the random places, not negative. The same seed gives the same points on every run.
     criterion : {"error", "stress"}
-        For `dimensions` "auto": the representation error of eq. 6, as in `effective_dimension`, or the stress of eq. 2
-        by this method.
+        Criterion for `dimensions` "auto": the representation error of eq. 6, as in `effective_dimension`, or the stress
+        of eq. 2 with this method.
     threshold : float, default 0.05
-        Above 0 and below 1.
+        Largest value of the criterion, above 0 and below 1.
     threads : int, optional
         All cores by default. The result does not depend on it.
     progress : callable, optional
@@ -160,7 +162,7 @@ class _Problem:
 
 
 def _fewest(problem: _Problem, criterion: Criterion, threshold: float) -> Embedding:
-    """Embed in the fewest dimensions in which the criterion is at most the threshold, but no more than the maximum."""
+    """Embed in the least number of dimensions for which the criterion is at most the threshold, up to the maximum."""
     check_choice("criterion", criterion, get_args(Criterion))
     if criterion == "error":
         return _embedded(problem, effective_dimension(problem.matrix, error=threshold))
@@ -204,7 +206,7 @@ def _least_squares(problem: _Problem, classical: Floats) -> Embedding:
     found = [scaled(min(tried, key=_stress_of).points)]
     found += [scaled(start) for start in random_points(matrix, dimensions, problem.starts, problem.seed)]
     best = min(found, key=_stress_of)
-    for other in (classical, fastmap(matrix, dimensions)[0]):  # so that no other method has a lower stress
+    for other in (classical, fastmap(matrix, dimensions)[0]):  # ensures that no other method has a lower stress
         if stress(other, matrix, pairs) < best.stress:
             best = min(best, scaled(other), key=_stress_of)
     return replace(best, iterations=made)
@@ -219,7 +221,7 @@ def _is_count(value: object) -> TypeGuard[int]:
 
 
 def _checked_weights(weights: ArrayLike | None, method: Method, count: int) -> tuple[Floats | None, Floats | None]:
-    """Return the weights of pairs, for least squares, and those of points, for classical scaling."""
+    """Return the weights of pairs for least squares, and the weights of points for classical scaling."""
     if weights is None:
         return None, None
     if np.ndim(weights) == 1 and method != "fast":

@@ -1,9 +1,9 @@
-"""Out-of-sample extension: places further vertices from their distances to points already embedded.
+"""Out-of-sample extension: placing further vertices by their distances to points that are embedded already.
 
 Classical scaling places a further vertex by a map that is affine in its squared distances to the samples (landmark
-MDS: de Silva & Tenenbaum 2004; the Nystrom method), and so does FastMap, whose cosine law is affine in the squared
-distances to its pivots. So that map is found by regression, in the same way for every method. After least squares,
-vertices then move to where eq. 2 is lowest.
+MDS: de Silva & Tenenbaum 2004; the Nystrom method). So does FastMap, whose cosine law is affine in the squared
+distances to its pivots. Therefore regression finds an affine map, in the same way for every method. For points embedded
+by least squares, each vertex then moves to where its part of eq. 2 is lowest.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from unbend.jit import kernel
 from unbend.threads import share_out
 
 _RIDGE: Final = 1e-6
-"""Share of the landmarks' variance that is added in all directions, so that slopes do not fit the distances' errors."""
+"""Regularisation: share of the landmarks' variance added in all directions, so that slopes do not fit errors."""
 
 _STEPS: Final = 8
-"""Majorisation steps of a vertex. The affine map's error is a few hundredths, and a step about halves it."""
+"""Majorisation steps per vertex. The error of the affine map is a few hundredths, and each step about halves it."""
 
 _RELAXATION: Final = 1.5
 """Over-relaxation of a majorisation step. Below 2 the stress still falls (de Leeuw & Heiser 1980), and faster."""
@@ -41,14 +41,14 @@ def extend(
     squared : (l, n) float32
         Squared distances from the first l samples to all n vertices, in the unit of `points`.
     refine : bool
-        Whether to lower the stress of eq. 2 afterwards, for points embedded by least squares.
+        Whether to lower the stress of eq. 2 afterwards, as is right for points embedded by least squares.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
     Returns
     -------
     (n, m) float64
-        Close to `points` at the samples, but not equal; NaN where a landmark has no path to the vertex.
+        Close to `points` at the samples, but not equal. NaN at vertices that a landmark does not reach.
     """
     slopes, constant = _affine_map(points, squared[:, samples].astype(np.float64))
     landmarks = np.ascontiguousarray(points[: len(squared)].T)
@@ -68,14 +68,14 @@ def _affine_map(points: Floats, squared: Floats) -> tuple[Floats, Floats]:
     means, centre = squared.mean(axis=1), points.mean(axis=0)
     given = squared - means[:, None]
     normal = given @ given.T
-    normal[np.diag_indices(len(normal))] += _RIDGE * np.trace(normal) or 1.0  # all points coincide: no slope
+    normal[np.diag_indices(len(normal))] += _RIDGE * np.trace(normal) or 1.0  # 1.0: all points coincide, no slope
     slopes = np.linalg.solve(normal, given @ (points - centre)).T
     return np.ascontiguousarray(slopes), centre - slopes @ means
 
 
 @kernel
 def _place_affine(squared, slopes, constant, start, stop, points):
-    """Write `points[start:stop]` as slopes times squared distances plus the constant; NaN where one is not finite."""
+    """Write `points[start:stop]` as slopes times squared distances plus the constant, NaN for infinite distances."""
     dimensions, count = slopes.shape
     for v in range(start, stop):
         here = points[v]
@@ -93,9 +93,9 @@ def _place_affine(squared, slopes, constant, start, stop, points):
 def _lower_stress(squared, landmarks, start, stop, points):
     """Move each of `points[start:stop]` so that its distances to `landmarks` (m, l) approach those given.
 
-    Each landmark has a preferred place for the vertex, at the given distance in its current direction. A step moves
-    towards the mean of these places. It lowers sum_j (delta_vj - |x_v - x_j|)^2: eq. 2 for one vertex, the others
-    fixed.
+    Each landmark has a preferred place for the vertex: at the given distance, in the vertex' current direction. A step
+    moves the vertex towards the mean of these places. That lowers sum_j (delta_vj - |x_v - x_j|)^2, which is the part
+    of eq. 2 that depends on this vertex.
     """
     dimensions, count = landmarks.shape
     given, ratio = np.empty(count), np.empty(count)

@@ -6,7 +6,7 @@ import numpy as np
 
 from unbend.arrays import Floats
 
-_PIVOT_ROUNDS = 5  # repetitions of "go to the farthest point from here"; Faloutsos & Lin use this number
+_PIVOT_ROUNDS = 5  # steps to the farthest point from the current one; Faloutsos & Lin use the same number
 
 
 def fastmap(distances: Floats, dimensions: int) -> tuple[Floats, int]:
@@ -22,7 +22,7 @@ def fastmap(distances: Floats, dimensions: int) -> tuple[Floats, int]:
     points : (n, dimensions) float64
         Columns beyond the rank of the distances are zero.
     clipped : int
-        Number of squared residuals (eq. 10) that were negative and replaced by zero; geodesic distances can have such
+        Number of negative squared residuals (eq. 10), which are replaced by zero. Geodesic distances can have such
         residuals.
     """
     points = np.zeros((len(distances), dimensions))
@@ -44,7 +44,7 @@ def fastmap(distances: Floats, dimensions: int) -> tuple[Floats, int]:
 
 
 def _residual(distances: Floats, points: Floats, pivot: int) -> tuple[Floats, int]:
-    """Return squared distances to `pivot` orthogonal to the axes so far, clipped at zero, and the number clipped."""
+    """Return squared distances to `pivot` orthogonal to the previous axes, clipped at 0, and the number clipped."""
     squared = distances[pivot] ** 2 - ((points - points[pivot]) ** 2).sum(axis=1)
     negative = int((squared < -1e-12 * (distances[pivot] ** 2).max(initial=0.0)).sum())
     return np.maximum(squared, 0.0), negative

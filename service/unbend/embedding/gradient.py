@@ -10,13 +10,13 @@ from unbend.arrays import Floats
 from unbend.jit import kernel
 from unbend.threads import check_threads, share_out
 
-_ROWS: Final = 64  # rows of distances in a block; sums go over blocks, so they do not depend on threads
-_THREADED: Final = 1000  # fewest points for threads; fewer take less time than starting a thread
+_ROWS: Final = 64  # rows of distances in a block; sums are made per block, so they do not depend on threads
+_THREADED: Final = 1000  # fewest points for which threads are used; for fewer, starting threads takes longer
 _NONE: Final = np.empty((0, 0), np.float32)
 
 
 class StressGradient:
-    """The function that scaling minimises: eq. 7 over the sum of squared distances, and its gradient.
+    """The function that scaling minimises, and its gradient: eq. 7 divided by the sum of squared distances.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class StressGradient:
     weights : (n, n) float64, optional
         Ones by default.
     single : bool
-        Whether to compute in single precision: half the memory, twice the speed. Sums are in double.
+        Whether to compute in single precision: half the memory, twice the speed. Sums are in double precision.
     threads : int, optional
         All cores by default; the result does not depend on it.
     """
@@ -33,7 +33,7 @@ class StressGradient:
         kind = np.float32 if single else np.float64
         count = len(distances)
         self._total = float(np.einsum("ij,ij", distances, distances)) / 2 or 1.0
-        self._scale = float(distances.max()) or 1.0  # squares stay in the range of single precision
+        self._scale = float(distances.max()) or 1.0  # keeps squares in the range of single precision
         self._distances = np.empty((count, count), kind)
         np.divide(distances, self._scale, out=self._distances, casting="same_kind")  # without a copy in double
         self._weights = _NONE.astype(kind) if weights is None else weights.astype(kind)
@@ -42,9 +42,10 @@ class StressGradient:
         self._losses = np.empty((self._blocks, count), kind)
 
     def __call__(self, axes: Floats) -> tuple[float, Floats]:
-        """Return the stress of points given as (m, n), relative as in eq. 2, and V X - B(X) X of eq. 8, (m, n).
+        """Return the relative stress (eq. 2) of points given as (m, n), and V X - B(X) X of eq. 8, (m, n).
 
-        The second result is half the gradient of eq. 7; its column j is sum_i w_ij (1 - delta_ij / d_ij) (x_j - x_i).
+        The second result is half of the gradient of eq. 7. Its column j is
+        sum_i w_ij (1 - delta_ij / d_ij) (x_j - x_i).
         """
         points = (axes / self._scale).astype(self._distances.dtype)
         gradients = np.empty((self._blocks, *points.shape), points.dtype)
@@ -64,7 +65,7 @@ class StressGradient:
 def add_blocks(axes, distances, weights, first, stop, gradients, losses):
     """Fill blocks `first` to `stop` - 1 of the gradient and of the loss, each from `_ROWS` rows of distances.
 
-    The inner loops over j have no reductions, so they are vectorised and still round in one fixed order.
+    The inner loops over j have no reductions, so they are vectorised and still round in a fixed order.
     """
     count = axes.shape[1]
     for block in range(first, stop):
@@ -72,7 +73,7 @@ def add_blocks(axes, distances, weights, first, stop, gradients, losses):
         gradient[:] = 0
         loss[:] = 0
         rows = block * _ROWS, min(count, (block + 1) * _ROWS)
-        if len(axes) == 3 and len(weights) == 0:  # the usual case, in half the time
+        if len(axes) == 3 and len(weights) == 0:  # the usual case, which takes half the time this way
             _add_rows_in_space(axes[0], axes[1], axes[2], distances, rows, gradient[0], gradient[1], gradient[2], loss)
         else:
             _add_rows(axes, distances, weights, rows, gradient, loss)
@@ -80,7 +81,7 @@ def add_blocks(axes, distances, weights, first, stop, gradients, losses):
 
 @kernel
 def _add_rows_in_space(x, y, z, distances, rows, along_x, along_y, along_z, loss):
-    """Add the contribution of some rows, for three dimensions and no weights: all values stay in registers."""
+    """Add the contribution of some rows, for three dimensions without weights, so that all values stay in registers."""
     zero = x.dtype.type(0)
     for i in range(rows[0], rows[1]):
         given = distances[i]
@@ -137,7 +138,7 @@ def _compare(factor, given, loss):
 
 @kernel
 def _weigh(factor, given, weights, loss):
-    """Do the same as `_compare`, with weights."""
+    """Do the same as `_compare` with weights."""
     zero = factor.dtype.type(0)
     for j in range(len(factor)):
         distance = np.sqrt(factor[j])

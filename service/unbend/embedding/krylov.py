@@ -1,4 +1,4 @@
-"""Largest eigenvalues of a symmetric linear operator, by block Lanczos (Golub & Van Loan, ch. 10)."""
+"""The largest eigenvalues of a symmetric linear operator, by block Lanczos (Golub & Van Loan, ch. 10)."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from unbend.tolerances import EIGENPAIR_RESIDUAL
 
 _SPARE: Final = 3  # additional columns, which separate close and repeated eigenvalues
 _STEPS: Final = 30
-_SMALL: Final = 400  # size below which a dense solver is as fast
+_SMALL: Final = 400  # below this size a dense solver is as fast
 
 Multiply = Callable[[Floats], Floats]
 
 
 def is_worthwhile(size: int, wanted: int) -> bool:
-    """Whether a matrix is large enough that a dense solver is slower."""
+    """Return whether `leading_eigenpairs` is faster than a dense solver for a matrix of this size."""
     return size >= max(_SMALL, (wanted + _SPARE) * _STEPS)
 
 
 def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Floats] | None:
     """Return the largest eigenvalues, falling, and their vectors, as many as `start` has columns.
 
-    Return None if they did not converge. Use it only where `is_worthwhile` is true.
+    Return None if they did not converge. The size must satisfy `is_worthwhile`.
 
     Parameters
     ----------
     multiply : callable
         Multiplies columns, (size, b), by the matrix.
     start : (size, wanted) float64
-        An approximation of the vectors, if possible.
+        Starting vectors, if possible an approximation of the result.
     """
     size, wanted = start.shape
     width = wanted + _SPARE
@@ -50,7 +50,7 @@ def leading_eigenpairs(multiply: Multiply, start: Floats) -> tuple[Floats, Float
 
 
 def _orthogonalised(block: Floats, basis: Floats) -> Floats:
-    """Return an orthonormal basis of the part of `block` orthogonal to `basis`; two passes are enough (Kahan)."""
+    """Return an orthonormal basis of the part of `block` that is orthogonal to `basis`. Two passes suffice (Kahan)."""
     for _ in range(2):
         block = np.linalg.qr(block - basis @ (basis.T @ block))[0]
     return block

@@ -1,8 +1,8 @@
 """Least squares scaling: SMACOF, iterative majorisation of the stress (section 3.2; Borg & Groenen, ch. 8).
 
-The paper prints the diagonal of B(Z) with the wrong sign and the stopping rule without the decrease; this code follows
+The paper prints the diagonal of B(Z) with the wrong sign, and the stopping rule without the decrease. This code follows
 Borg & Groenen in both. A step of SMACOF is a gradient step in the metric of V, X - V^+ (V X - B(X) X), so quasi-Newton
-steps in that metric accelerate it.
+steps in that metric accelerate the search.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ def smacof(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> tuple[Floats, int]:
-    """Lower the stress of `start` until iterations gain less than `decrease` of it.
+    """Lower the stress of `start` until iterations lower it by less than the share `decrease`.
 
     Parameters
     ----------
     distances : (n, n) float64
     start : (n, m) float64
-        Initial points; the classical solution is a good choice.
+        Initial points. The classical solution is a good choice.
     weights : (n, n) float64, optional
-        Symmetric, not negative; ones by default. The pairs with a weight must connect all points.
+        Symmetric and not negative; ones by default. The pairs with a positive weight must connect all points.
     memory : int
-        Steps remembered to accelerate the search (limited-memory BFGS); 0 is plain SMACOF, as in the paper.
+        Number of steps that limited-memory BFGS uses to accelerate the search. 0 is plain SMACOF, as in the paper.
     decrease : float
-        Share of the stress; two iterations in a row that gain less end the search.
+        Share of the stress. The search ends after two successive iterations with smaller decreases.
     iterations : int
         Maximum number of iterations.
     threads : int, optional
@@ -58,12 +58,12 @@ def smacof(
     points : (n, m) float64
         The last configuration; its stress is never above that of `start`.
     iterations : int
-        Number of iterations, each one evaluation of B(X) X.
+        Number of iterations, each of which evaluates B(X) X once.
 
     Raises
     ------
     ParameterError
-        If weights differ by more than double precision can represent.
+        If the weights differ by more orders of magnitude than double precision can represent.
     """
     if weights is not None:
         # Neither a common factor nor equal weights change the minimum.
@@ -89,7 +89,7 @@ def _counted_from(made: int, progress: Progress) -> Progress:
 
 
 def are_equal(weights: Floats) -> bool:
-    """Whether all pairs have equal weights; the diagonal does not matter."""
+    """Return whether all pairs have equal weights. The diagonal is ignored."""
     pairs = weights[~np.eye(len(weights), dtype=bool)]
     return len(pairs) == 0 or bool(np.ptp(pairs) == 0)
 
@@ -99,7 +99,7 @@ def _laplacian_inverse(weights: Floats | None, count: int) -> Callable[[Floats],
     if weights is None:
         return lambda axes: axes / count  # eq. 9
     laplacian = np.diag(weights.sum(axis=1)) - weights
-    laplacian += laplacian.trace() / count**2  # the constant ones: same inverse on centred columns, and definite
+    laplacian += laplacian.trace() / count**2  # makes it definite and keeps its inverse on centred columns
     try:
         factor = cho_factor(laplacian, overwrite_a=True, check_finite=False)
     except np.linalg.LinAlgError:

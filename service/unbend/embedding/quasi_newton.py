@@ -14,17 +14,17 @@ from unbend.jit import kernel
 Function = Callable[[Floats], tuple[float, Floats]]
 Inverse = Callable[[Floats], Floats]
 
-_SMALL_GAINS: Final = 2  # successive small decreases that end the search; one may precede larger ones
+_SMALL_GAINS: Final = 2  # successive small decreases that end the search; a single one may precede larger ones
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Result of a minimisation."""
+    """The result of a minimisation."""
 
     point: Floats
     value: float
     evaluations: int
-    """Number of evaluations of the function, without the one at the start."""
+    """Number of evaluations of the function, without the evaluation at the start."""
 
 
 def minimise(
@@ -38,7 +38,7 @@ def minimise(
     floor: float,
     progress: Callable[[int, float], None] | None = None,
 ) -> Minimum:
-    """Minimise `function` from `start`; its value never rises.
+    """Minimise `function` from `start`. The value never rises.
 
     Parameters
     ----------
@@ -46,16 +46,16 @@ def minimise(
         Returns the value and the gradient of a point.
     inverse : callable
         Applies the inverse of an upper bound of the Hessian, so that the step -inverse(gradient) never raises the
-        value: for eq. 7 this is the step of SMACOF (eq. 8).
+        value. For eq. 7 this is the step of SMACOF (eq. 8).
     start : (m, n) array
     memory : int
-        Pairs of steps and gradients kept. With 0 every step is -inverse(gradient).
+        Number of stored steps with their changes of the gradient. With 0 every step is -inverse(gradient).
     decrease : float
-        Share of the value: the search ends when two successive steps lower it by less.
+        Share of the value. The search ends when two successive steps lower the value by less.
     evaluations : int
         Maximum number of evaluations after the first.
     floor : float
-        The search ends at a value this low.
+        The search ends at a value that is not above this one.
     progress : callable, optional
         Called after each evaluation with their number and the lowest value.
     """
@@ -81,7 +81,7 @@ def minimise(
 
 
 class _History:
-    """The last steps, and the change of the gradient over each."""
+    """The last steps, and the change of the gradient in each."""
 
     def __init__(self, memory: int, shape: tuple[int, ...]) -> None:
         self.size = 0
@@ -89,7 +89,7 @@ class _History:
         self._curvatures = np.empty(memory)  # step . change
 
     def add(self, step: Floats, change: Floats) -> None:
-        """Store a step of positive curvature, replacing the oldest if the memory is full."""
+        """Store a step if its curvature is positive. If the memory is full, it replaces the oldest step."""
         memory, curvature = len(self._curvatures), float(np.vdot(step, change))
         if memory == 0 or curvature <= 0.0:
             return
@@ -101,7 +101,7 @@ class _History:
         self._steps[newest], self._changes[newest], self._curvatures[newest] = step, change, curvature
 
     def direction(self, gradient: Floats, inverse: Inverse) -> Floats:
-        """Multiply the gradient by the approximate inverse of the Hessian, in two loops."""
+        """Multiply the gradient by the approximate inverse of the Hessian, with the two-loop recursion."""
         if self.size == 0:
             return inverse(gradient)
         steps, changes = self._steps[: self.size], self._changes[: self.size]

@@ -1,8 +1,8 @@
 """Initial points for least squares scaling: the lowest of many minima of a few points.
 
-The stress has many minima, and the one near the classical solution is often not the lowest, because a limb lies on the
+The stress has many minima. The minimum near the classical solution is often not the lowest, because a limb lies on the
 wrong side. A few distant points are enough to find the arrangement of the parts, and many starts with a few points are
-cheap. The other points are then placed by their distances to these.
+cheap. The other points are then placed by their distances to the few.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from unbend.embedding.stress import stress
 from unbend.jit import kernel
 
 FEW: Final = 64
-"""Number of points that are embedded from every start."""
+"""Number of points that are embedded from each start."""
 
 TRIES: Final = 10
 """Number of random starts."""
 
 DIFFERENT: Final = 6
-"""Number of lowest minima of the few points from which all points are placed."""
+"""Number of lowest minima of the few points that are extended to all points."""
 
 KEPT: Final = 2
-"""Number of them that are returned, those with the lowest stress of all points."""
+"""Number of extended minima that are returned, those of lowest stress over all points."""
 
 _SAME: Final = 1e-3
-"""Two minima whose values differ by less than this share count as the same."""
+"""Minima whose values differ by less than this share count as equal."""
 
 _STEPS: Final = 120
 """Maximum number of steps from one start."""
 
 _DECREASE: Final = 1e-4
-"""Share of the stress: the search ends when two successive steps lower it by less, enough to distinguish minima."""
+"""Share of the stress. The search ends when two successive steps lower the stress by less."""
 
 
 def low_starts(distances: Floats, classical: Floats, weights: Floats | None = None, seed: int = 0) -> list[Floats]:
-    """Return points, (n, m), near low minima of the stress, the lowest first.
+    """Return sets of points, (n, m), near low minima of the stress, the set of lowest stress first.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def low_starts(distances: Floats, classical: Floats, weights: Floats | None = No
     classical : (n, m) float64
         The classical solution, an additional start of the few points.
     weights : (n, n) float64, optional
-        Weights of pairs; ones by default. If those of the few points do not connect them, equal weights replace them.
+        Weights of pairs; ones by default. If the weights of the few points do not connect them, equal weights are used.
     seed : int
         Seed of the random starts.
     """
@@ -71,7 +71,7 @@ def low_starts(distances: Floats, classical: Floats, weights: Floats | None = No
 
 
 def _placed(axes: NDArray[np.float32], few: Indices, squared: NDArray[np.float32]) -> Floats:
-    """Return all points, in the unit of `axes` (m, k), placed by their squared distances (k, n) to the few."""
+    """Return all points, in the unit of `axes` (m, k), placed by their squared distances (k, n) to the few points."""
     points: Floats = np.ascontiguousarray(axes.T).astype(np.float64)
     if len(few) == squared.shape[1]:
         return points[np.argsort(few)]
@@ -79,7 +79,7 @@ def _placed(axes: NDArray[np.float32], few: Indices, squared: NDArray[np.float32
 
 
 def _different(minima: list[tuple[float, NDArray[np.float32]]]) -> Iterator[NDArray[np.float32]]:
-    """Yield the lowest minima, each only once."""
+    """Yield the lowest minima, without those that count as equal."""
     last, found = -np.inf, 0
     for loss, axes in sorted(minima, key=lambda minimum: minimum[0]):
         if found < DIFFERENT and loss > last * (1.0 + _SAME):
@@ -88,7 +88,10 @@ def _different(minima: list[tuple[float, NDArray[np.float32]]]) -> Iterator[NDAr
 
 
 def _far_points(distances: Floats, count: int) -> Indices:
-    """Return `count` points, each the farthest from those before it, in any order of the distances."""
+    """Return `count` points, each the farthest from all previous ones.
+
+    The first is the point with the largest sum of squared distances, so that the order of the points does not matter.
+    """
     chosen = np.empty(count, np.int64)
     nearest = np.full(len(distances), np.inf)
     point = int((distances**2).sum(axis=1).argmax())
@@ -101,7 +104,7 @@ def _far_points(distances: Floats, count: int) -> Indices:
 
 
 def _metric(weights: Floats | None, few: Indices) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the weights of the few points' pairs and V^+ of eq. 8; both empty, (0, 0), for equal weights."""
+    """Return the weights of pairs of the few points, and V^+ of eq. 8. For equal weights both are empty, (0, 0)."""
     empty = np.empty((0, 0), np.float32)
     if weights is None or are_equal(weights):
         return empty, empty
@@ -114,7 +117,7 @@ def _metric(weights: Floats | None, few: Indices) -> tuple[NDArray[np.float32], 
 
 
 def random_points(distances: Floats, dimensions: int, times: int, seed: int = 0) -> Iterator[Floats]:
-    """Yield normally distributed points, whose mean squared distance equals that of the distances given."""
+    """Yield normally distributed points whose expected mean squared distance equals that of the given distances."""
     rng = np.random.default_rng(seed)
     spread = np.sqrt(np.mean(distances**2) / (2 * dimensions))  # E |x - y|^2 = 2 m spread^2
     for _ in range(times):
@@ -125,7 +128,8 @@ def random_points(distances: Floats, dimensions: int, times: int, seed: int = 0)
 def _descend(axes, distances, weights, inverse, most, enough):
     """Move points, given as `axes` (m, k), to a minimum of the stress; return the loss there.
 
-    Steps of SMACOF with momentum (Nesterov 1983), which restarts where the loss rises (O'Donoghue & Candes 2015).
+    The steps are those of SMACOF with momentum (Nesterov 1983). The momentum restarts when the loss rises (O'Donoghue &
+    Candes 2015).
     """
     dimensions, count = axes.shape
     gradients, losses = np.empty((1, dimensions, count), np.float32), np.empty((1, count), np.float32)

@@ -11,8 +11,8 @@ from unbend.jit import kernel
 def stress(points: Floats, distances: Floats, weights: Floats | None = None) -> float:
     """Stress of `points` (n, m) against `distances` (n, n), eq. 2: 0 for a perfect embedding.
 
-    sum_{i<j} w_ij (delta_ij - d_ij)^2 / sum_{i<j} delta_ij^2, with weights 1 by default. A set of points whose
-    distances are all zero has stress 0.
+    The stress is sum_{i<j} w_ij (delta_ij - d_ij)^2 / sum_{i<j} delta_ij^2, with weights 1 by default. If all given
+    distances are zero, it is 0.
     """
     total = float((distances**2).sum()) / 2
     raw = raw_stress(points, distances, weights if weights is not None else np.empty((0, 0)))
@@ -26,7 +26,7 @@ def raw_stress(points, distances, weights):
     weighted = weights.shape[0] > 0
     axes, terms, losses = np.ascontiguousarray(points.T), np.empty(count), np.zeros(count)
     for i in range(count):
-        # Loops over j without reductions are vectorised and round in one fixed order.
+        # Loops over j without reductions are vectorised and round in a fixed order.
         terms[:i] = 0.0
         for axis in range(dimensions):
             here = axes[axis, i]

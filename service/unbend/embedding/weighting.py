@@ -10,8 +10,8 @@ from unbend.arrays import Floats
 
 Weighting = Literal["equal", "inverse", "inverse_squared", "area"]
 
-_NEAREST: Final = 1e-3
-_SMALLEST: Final = 1e-6  # share of the mean area, so that a sample on faces of zero area still counts
+_NEAREST: Final = 1e-3  # least distance, as a share of the largest
+_SMALLEST: Final = 1e-6  # least area, as a share of the mean, so that a sample on faces of zero area still counts
 
 
 def weights_for(rule: Weighting, distances: Floats, areas: Floats) -> Floats | None:
@@ -20,10 +20,11 @@ def weights_for(rule: Weighting, distances: Floats, areas: Floats) -> Floats | N
     Parameters
     ----------
     rule : {"equal", "inverse", "inverse_squared", "area"}
-        With "inverse", 1 / d, short distances count for more. With "inverse_squared", 1 / d^2, errors count as shares
-        of the distance (elastic scaling, McGee 1966). With "area", densely sampled regions count no more than others.
+        "inverse" is 1 / d: short distances count more. "inverse_squared" is 1 / d^2: errors relative to the distance
+        count equally (elastic scaling, McGee 1966). "area" makes densely sampled regions count no more than others.
     distances : (n, n) float64
-        Distances below a thousandth of the largest count as that, because eq. 8 is solved in double precision.
+        Shorter distances than a thousandth of the largest count as a thousandth, because eq. 8 is solved in double
+        precision.
     areas : (n,) float64
         Area that each sample represents.
 

@@ -18,15 +18,15 @@ Polylines = tuple[Floats, ...]
 def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tuple[Polylines, ...]:
     """Contours of a function given at the vertices and linear in each triangle, such as a field of distances.
 
-    A contour separates the part of the surface below the level from the part at or above it. So it has no gaps at
-    vertices with exactly that value: it may run along edges there, but not inside a triangle whose values all equal the
-    level. A vertex that only touches the level has no contour; a crest of edges that does is traversed in both
-    directions.
+    A contour separates the part of the surface below the level from the part at or above the level. So it has no gaps
+    at vertices with exactly that value. It may run along edges there, but not inside a triangle whose values all equal
+    the level. A single vertex at the level that is a local maximum or minimum has no contour. Along a crest of edges
+    at the level, the contour runs back and forth.
 
     Parameters
     ----------
     surface : Surface
-        Any triangulated surface; chains of an edge with three faces or more end there.
+        Any triangulated surface. Contours end at edges of three faces or more.
     values : (n,) float
         One value per vertex. Triangles with an infinite value, such as those at unreachable vertices, have no contours.
     levels : float or (l,) float
@@ -39,7 +39,7 @@ def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tupl
     Raises
     ------
     ParameterError
-        If there is not one value for each vertex, a value is not a number, or a level is not finite.
+        If there is not one value for each vertex, a used vertex has NaN, or a level is not finite.
 
     Examples
     --------
@@ -94,14 +94,14 @@ def _crossings(vertices: Floats, values: Floats, level: float, keys: Indices) ->
 
 
 def without_repeats(points: Floats) -> Floats:
-    """Drop consecutive repeats of a point, as where a line crosses all the edges that meet in a vertex."""
+    """Drop consecutive repeats of a point, which occur where a line crosses several edges at their vertex."""
     keep: Bools = np.append(True, (points[1:] != points[:-1]).any(axis=1))
     return points[keep]
 
 
 @kernel
 def _links(segments, count):
-    """Return the segments at each point, at most two, and their number."""
+    """Return for each point at most two of its segments, and the number of all its segments."""
     links, degree = np.full((count, 2), -1, np.int32), np.zeros(count, np.int32)
     for segment in range(len(segments)):
         for end in range(2):
@@ -130,9 +130,9 @@ def _follow(segments, links, degree, used, segment, point, order, size):
 
 @kernel
 def _chain(segments, count):
-    """Chain segments (k, 2) between `count` points: return the points in order, and the start of each chain.
+    """Join segments (k, 2) between `count` points to chains; return the points in order, and the start of each chain.
 
-    Chains end at points of one segment or more than two; the remaining chains are closed.
+    A chain ends at a point with one segment or more than two. Chains without such a point are closed.
     """
     links, degree = _links(segments, count)
     used = np.zeros(len(segments), np.bool_)

@@ -40,7 +40,7 @@ def geodesic_distances(
         Vertex indices.
     update : {"spherical", "planar"}, default "spherical"
         Shape of the front in a triangle: a circle around a virtual point source (Novotni & Klein 2002) or a straight
-        line (Kimmel & Sethian 1998, the paper's). The first takes the same time and has smaller errors.
+        line (Kimmel & Sethian 1998, as in the paper). Circles take the same time and have smaller errors.
     threads : int, optional
         Threads to use, all cores by default. The result does not depend on it.
 
@@ -72,13 +72,13 @@ def geodesic_matrix(
 ) -> Floats:
     """Symmetric matrix of geodesic distances between `samples`, as `geodesic_distances` computes them.
 
-    It needs memory for the stencils, the matrix and one row per thread, never for all rows.
+    It needs memory for the stencils, the matrix and one full row per thread, but not for the full rows of all samples.
 
     Returns
     -------
     (k, k) float64
-        The smaller of both directions, because fast marching is not exactly symmetric and its distances are mostly too
-        long (the smaller one is nearer to the exact distance than the mean); inf between components.
+        The smaller of the distances in both directions; inf between components. Fast marching is not exactly symmetric,
+        and its distances are mostly too long, so the smaller distance is nearer to the exact one than their mean.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def sampled_matrix(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> GeodesicMatrix:
-    """Return the matrix of `geodesic_matrix` from existing stencils, with its asymmetry."""
+    """Return the same matrix as `geodesic_matrix`, from existing stencils, and its asymmetry."""
     rows = distance_rows(stencils, samples, samples, update, threads, progress)
     with np.errstate(invalid="ignore"):  # inf - inf between components
         difference = np.abs(rows - rows.T)
@@ -114,10 +114,10 @@ def distance_rows(
     threads: int | None,
     progress: Progress | None = None,
 ) -> Floats:
-    """Return distances from `sources` to `columns`, or to every vertex, (k, len(columns)).
+    """Return distances from `sources` to `columns` (None for every vertex), (k, len(columns)).
 
-    Threads take blocks of sources when they are free. Each row is computed independently, so the result does not depend
-    on the thread. `progress` receives the share of rows done.
+    Each free thread takes the next block of sources. Rows are computed independently, so the result does not depend on
+    the number of threads. `progress` receives the share of rows done.
     """
     check_update(update)
     check_threads(threads)

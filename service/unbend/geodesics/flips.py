@@ -9,19 +9,19 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.arrays import Floats
-from unbend.geodesics.halfedges import before, following, relink, ring_before
+from unbend.geodesics.halfedges import before, following, previous_in_cycle, relink
 from unbend.geodesics.unfolding import apex
 from unbend.jit import inlined, kernel
 from unbend.tolerances import DELAUNAY, FLIPS, MOLLIFIED
 
-_FLAT = 1e-300  # below every squared area, so that a triangle of zero area does not divide by zero
+_FLAT = 1e-300  # below every squared area; avoids a division by zero at triangles of zero area
 
 
 def mollified(lengths: Floats) -> Floats:
     """Return half-edge lengths (3 m,) that satisfy every triangle inequality with a margin (Sharp & Crane 2020).
 
-    If a triangle lacks the margin, all edges of the mesh grow by the least amount that provides it. Otherwise the
-    lengths stay the same.
+    If a triangle lacks the margin, all edges of the mesh grow by the same amount, the least that gives every triangle
+    its margin. Otherwise the lengths stay the same.
     """
     sides = lengths.reshape(-1, 3)
     slack = float((sides.sum(axis=1) - 2 * sides.max(axis=1)).min())
@@ -38,14 +38,14 @@ def _cotangent(a, b, c):
 
 @kernel
 def flip_to_delaunay(mesh, waiting, queued, size, changed):
-    """Flip edges until all are Delaunay: the first `size` of `waiting`, then those around each flip.
+    """Flip edges until all are Delaunay, starting with the first `size` half-edges in `waiting`.
 
-    `queued` marks the half-edges in `waiting`; a flip marks its faces in `changed`. An edge is not flipped if the new
-    one would connect a vertex to itself, because windows and stencils distinguish the ends of an edge by their
-    vertices.
+    Each flip queues the four edges around it. `queued` marks the half-edges in `waiting`. A flip marks its two faces in
+    `changed`. An edge is not flipped if the new edge would connect a vertex to itself, because windows and stencils
+    distinguish the ends of an edge by their vertices.
     """
     faces, twins, lengths, free = mesh
-    left = FLIPS * len(faces)  # rounding could flip an edge forever
+    left = FLIPS * len(faces)  # a limit, because rounding could flip an edge back and forth forever
     while size > 0:
         size -= 1
         half_edge = waiting[size]
@@ -63,7 +63,7 @@ def flip_to_delaunay(mesh, waiting, queued, size, changed):
         _flip(mesh, half_edge)
         for face in (half_edge // 3, twin // 3):
             changed[face] = 1
-            for side in (0, 2):  # the other one is the new diagonal
+            for side in (0, 2):  # side 1 is the new diagonal
                 outer = 3 * face + side
                 if queued[outer] == 0:
                     queued[outer] = 1
@@ -73,7 +73,7 @@ def flip_to_delaunay(mesh, waiting, queued, size, changed):
 
 @kernel
 def _flip(mesh, half_edge):
-    """Replace faces (C, A, B) and (P, B, A), which meet at `half_edge`, by (C, A, P) and (P, B, C)."""
+    """Replace the faces (C, A, B) and (P, B, A), which share the edge AB of `half_edge`, by (C, A, P) and (P, B, C)."""
     faces, twins, lengths, free = mesh
     twin = twins[half_edge]
     f, g = half_edge // 3, twin // 3
@@ -83,9 +83,10 @@ def _flip(mesh, half_edge):
     new = (3 * g, 3 * f + 2, 3 * f, 3 * g + 2)
     sides = (lengths[old[0]], lengths[old[1]], lengths[old[2]], lengths[old[3]])
     were_free = (free[old[0]], free[old[1]], free[old[2]], free[old[3]])
-    beyond = (twins[old[0]], twins[old[1]], twins[old[2]], twins[old[3]])
-    ahead = (
-        ring_before(twins, old[0]), ring_before(twins, old[1]), ring_before(twins, old[2]), ring_before(twins, old[3])
+    nexts = (twins[old[0]], twins[old[1]], twins[old[2]], twins[old[3]])
+    previous = (
+        previous_in_cycle(twins, old[0]), previous_in_cycle(twins, old[1]),
+        previous_in_cycle(twins, old[2]), previous_in_cycle(twins, old[3]),
     )  # fmt: skip
     cx, cy = apex(sides[1], sides[0], lengths[half_edge])
     px, py = apex(sides[2], sides[3], lengths[half_edge])
@@ -96,5 +97,5 @@ def _flip(mesh, half_edge):
         lengths[new[k]], free[new[k]] = sides[k], were_free[k]
     for middle in (3 * f + 1, 3 * g + 1):
         lengths[middle], free[middle] = diagonal, 1
-    relink(twins, old, new, beyond, ahead)
+    relink(twins, old, new, nexts, previous)
     twins[3 * f + 1], twins[3 * g + 1] = 3 * g + 1, 3 * f + 1

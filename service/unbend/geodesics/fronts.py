@@ -1,4 +1,4 @@
-"""Complete fronts: exact start, marching, and the distances they give."""
+"""Fronts from a source: the exact start, then marching, over the whole surface or over one Voronoi cell."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _march_each(stencils, unit, sources, columns, rows, disc, limit, reached, wi
 
 @kernel
 def raise_to_straight(points, sources, columns, rows):
-    """Raise `rows` (k, len(columns)) to at least the straight-line distances: on needles marching can give less."""
+    """Raise `rows` (k, len(columns)) to at least the straight-line distances; on needles marching can give less."""
     for row in range(len(sources)):
         source = sources[row]
         for column in range(len(columns)):
@@ -58,10 +58,11 @@ def raise_to_straight(points, sources, columns, rows):
 
 @kernel
 def spread(stencils, source, label, disc, distance, owner, reached, width, start, front):
-    """March from `source` where it is nearer than the sources before; update `distance`, and `owner` with `label`.
+    """March from `source` over the vertices that are nearer to it than to the earlier sources.
 
-    So many sources take little more time than a few complete fronts. The fronts meet at the borders of the geodesic
-    Voronoi diagram. Each front starts like a complete one, so both find the same distances.
+    At these vertices, lower `distance` and set `owner` to `label`. Each front stops at the border of its geodesic
+    Voronoi cell, so even many sources take little more time than a few complete fronts. A front starts like a complete
+    one, so both find the same distances.
     """
     slots, triangles = stencils
     seeds, values = start[0], front[0]

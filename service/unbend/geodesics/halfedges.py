@@ -1,9 +1,12 @@
-"""A triangulation as half-edges with twins and lengths, without coordinates.
+"""A triangulation as half-edges with lengths, without coordinates.
 
-Half-edge `3 f + i` is the side of face f opposite its corner i; `twins` has the half-edge on the other side, as in
-`unbend.mesh.topology`. Faces are in the order of a walk over the surface (`walk.py`), and reoriented until both faces
-of each edge agree, as far as the surface is orientable. Edges whose two faces agree are *free*: they can be flipped and
-crossed without comparing vertices.
+Half-edge `3 f + i` is the side of face f opposite its corner i. The half-edges of one edge form a cycle, and `twins`
+has the next half-edge in that cycle, or -1 on the boundary, as in `unbend.mesh.topology`. At an edge of two faces the
+next half-edge is the one on the other side.
+
+Faces are in the order of a walk over the surface (`walk.py`), which also orients them consistently, as far as the
+surface is orientable. An edge is *free* if it has exactly two faces and their orientations agree. Kernels flip and
+cross free edges without comparing vertices.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints
 from unbend.geodesics.unfolding import half_edge_lengths
-from unbend.geodesics.walk import sort_rings, walk_faces
+from unbend.geodesics.walk import sort_cycles, walk_faces
 from unbend.jit import inlined, kernel
 from unbend.mesh.surface import Surface
 
@@ -25,12 +28,12 @@ Mesh = tuple[Ints, Ints, Floats, NDArray[np.uint8]]
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """Triangles with lengths. Vertices after those of the surface are Steiner points, which only marching uses."""
+    """Triangles with lengths. Vertices numbered after those of the surface are Steiner points for marching."""
 
     faces: Ints  # (m, 3) int32
-    twins: Ints  # (3 m,) int32
+    twins: Ints  # (3 m,) int32: the next half-edge of the same edge, cyclically; -1 on the boundary
     lengths: Floats  # (3 m,)
-    free: NDArray[np.uint8]  # (3 m,) 1 for half-edges of free edges
+    free: NDArray[np.uint8]  # (3 m,): 1 for half-edges of free edges
     vertex_count: int
 
     @property
@@ -42,7 +45,7 @@ class HalfEdges:
 def half_edges_of(surface: Surface, unit: float) -> HalfEdges:
     """Return the triangles of `surface`, ordered and oriented, with lengths in units of `unit`: O(n + m)."""
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces) * (surface.scale / unit)
-    twins = sort_rings(surface.faces, surface.edges.twins(), lengths)
+    twins = sort_cycles(surface.faces, surface.edges.twins(), lengths)
     faces, twins, lengths = _in_order(surface.faces, twins, lengths, *walk_faces(surface.faces, twins, lengths))
     return HalfEdges(faces, twins, lengths, _free(faces, twins), len(surface.vertices))
 
@@ -55,13 +58,13 @@ def following(half_edge):
 
 @inlined
 def before(half_edge):
-    """Return the half-edge before this one around the face."""
+    """Return the previous half-edge around the face."""
     return half_edge + 2 if half_edge % 3 == 0 else half_edge - 1
 
 
 @kernel
 def _in_order(faces, twins, lengths, entries, turned):
-    """Return the arrays with faces in the order of a walk, each starting with the side where the walk entered it."""
+    """Reorder the faces as a walk entered them; half-edge 0 of each face is the one over which the walk entered."""
     place = np.empty(len(twins), np.int32)
     for face in range(len(entries)):
         for step in range(3):
@@ -78,7 +81,7 @@ def _in_order(faces, twins, lengths, entries, turned):
 
 @inlined
 def _side(entry, step, turned):
-    """Return the half-edge `step` after `entry` around its face, or before it where the face is reversed."""
+    """Return the half-edge `step` places after `entry` around its face; before `entry` if the face is `turned`."""
     return 3 * (entry // 3) + (entry % 3 + (3 - step if turned else step)) % 3
 
 
@@ -95,22 +98,26 @@ def _free(faces, twins):
 
 
 @inlined
-def ring_before(twins, half_edge):
-    """Return the half-edge whose twin is `half_edge`, -1 on the boundary."""
-    last = twins[half_edge]
-    if last >= 0:
-        while twins[last] != half_edge:
-            last = twins[last]
-    return last
+def previous_in_cycle(twins, half_edge):
+    """Return the half-edge that `half_edge` follows in the cycle of its edge, -1 on the boundary."""
+    previous = twins[half_edge]
+    if previous >= 0:
+        while twins[previous] != half_edge:
+            previous = twins[previous]
+    return previous
 
 
 @kernel
-def relink(twins, old, new, beyond, ahead):
-    """Replace half-edges `old` by `new`: the twins of `old` were `beyond`, and `old` were the twins of `ahead`."""
+def relink(twins, old, new, nexts, previous):
+    """Put half-edges `new` in the places of `old` in the cycles of their edges.
+
+    `nexts` and `previous` are the next and the previous half-edge of each of `old` in its cycle, -1 on the boundary.
+    Callers read them before they change the faces.
+    """
     for k in range(len(old)):
-        twins[new[k]] = beyond[k]
+        twins[new[k]] = nexts[k]
     for k in range(len(old)):
-        last = ahead[k]
+        last = previous[k]
         for q in range(len(old)):
             if last == old[q]:
                 last = new[q]

@@ -14,17 +14,17 @@ from unbend.geodesics.start import start_arrays, start_front
 from unbend.geodesics.stencils import SLOTS, Stencils
 from unbend.jit import kernel
 
-_NEAR: Final = 1e-6  # least distance, as a share of the reach, so that weights at a sample stay finite
-_EVENTS: Final = 64  # events of a front's exact start; weights do not need exact distances
+_NEAR: Final = 1e-6  # least distance, as a share of `reach`, so that the weight at the sample itself is finite
+_EVENTS: Final = 64  # events of a front's exact start, few because weights do not need exact distances
 
 
 def interpolate(stencils: Stencils, samples: Ints, values: Floats, reach: float, update: Update) -> Floats:
     """Interpolate by inverse geodesic distance, among the samples within `reach` of each vertex.
 
     Franke & Little's weights (Franke 1982, "Scattered data interpolation: tests of some methods"): a sample at
-    distance d has ((reach - d) / (reach d))^2. They fall to zero smoothly, so each sample's front can stop at
-    that distance. All fronts together take the time of about (reach / spacing)^2 complete fronts, for any number of
-    samples.
+    distance d has the weight ((reach - d) / (reach d))^2. The weights fall smoothly to zero at `reach`, so each
+    sample's front can stop there. All fronts together take the time of about (reach / spacing)^2 complete fronts, for
+    any number of samples.
 
     Parameters
     ----------

@@ -23,17 +23,18 @@ from unbend.tolerances import MOST_STEINER, NARROW, ROUND_ANGLE, STEINER_FLOOR, 
 
 @dataclass(frozen=True, eq=False)
 class Intrinsic:
-    """An intrinsic triangulation."""
+    """An intrinsic triangulation, and which of the given faces it replaced."""
 
     half_edges: HalfEdges
     changed: NDArray[np.uint8]  # (m,) 1 for each given face that flips or Steiner points replaced
 
 
 def intrinsic_triangulation(given: HalfEdges) -> Intrinsic:
-    """Return the triangulation for marching; the given one if it needs no change.
+    """Return the triangulation for marching, which is the given one if that needs no change.
 
-    Vertices keep their numbers; Steiner points follow them. Angles below `THIN_ANGLE` are always refined. If many are
-    left after all flips, as on CAD models and steep height maps, all angles below `ROUND_ANGLE` are refined.
+    Vertices keep their numbers, and Steiner points follow them. Angles below `THIN_ANGLE` are always refined. If many
+    such angles are left after all flips, as on CAD models and steep height maps, all angles below `ROUND_ANGLE` are
+    refined.
     """
     count = len(given.faces)
     lengths = mollified(given.lengths)
@@ -58,7 +59,7 @@ def _refined(
 ) -> tuple[HalfEdges, NDArray[np.uint8]]:
     """Refine until no angle is below `angle` degrees, as far as the number of Steiner points allows.
 
-    Arrays grow with the number of points, because capacity for the maximum would be several times the mesh.
+    Arrays grow with the number of points, because arrays for the maximum number would be several times the mesh.
     """
     count, now, most = len(mesh[0]), vertices, vertices + int(MOST_STEINER * vertices) + STEINER_FLOOR
     narrow = _angle_sums(mesh[0], mesh[2], vertices) < np.radians(NARROW)

@@ -1,8 +1,8 @@
-"""The fast marching kernel: one front, from one source, in order of distance.
+"""The fast marching kernel: one front from one source, roughly in order of distance.
 
 A vertex's distance is the least that its slots give (see `stencils`), so the distances are a fixed point of the update
-equations, and the order of visits only decides how often a vertex is visited again. A queue of buckets, a fifth of an
-edge wide, needs about 1.2 visits per vertex; a heap's exact order takes more time than it saves.
+equations. The order of visits mainly decides how often a vertex is visited again. A queue of buckets, each a fifth of
+a median edge wide, needs about 1.2 visits per vertex. A heap keeps the exact order, but takes more time than it saves.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from unbend.jit import kernel, prefetch
 from unbend.tolerances import MARCHING_DECREASE
 
 UNREACHED: Final = np.float32(np.inf)
-KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)
+KEPT: Final = np.float32(1.0 - MARCHING_DECREASE)  # a value that falls by a smaller share is not propagated
 
-BUCKETS: Final = 1024  # a power of two; enough for edges of up to 200 median edges
-PER_EDGE: Final = np.float32(5.0)
+BUCKETS: Final = 1024  # a power of two, enough for edges of up to 200 median edges
+PER_EDGE: Final = np.float32(5.0)  # buckets per median edge
 
 _WAITING, _SEEDED, _SETTLED = 1, 2, 3  # values of `queued`: waiting in a bucket, a seed, or final
 
 
 def front_arrays(count: int) -> tuple[np.ndarray, ...]:
     """Return the work arrays of `march` for `count` vertices: values, queued, next, heads, tails, slots, chosen."""
-    values = np.full(count + 1, UNREACHED, np.float32)  # the last one is the vertex of empty slots
+    values = np.full(count + 1, UNREACHED, np.float32)  # the last entry is for the vertex of empty slots
     queued = np.zeros(count + 1, np.uint8)
-    queued[count] = _WAITING  # so that it is never queued
+    queued[count] = _WAITING  # so that the vertex of empty slots is never queued
     heads, tails = np.full(BUCKETS, -1, np.int32), np.full(BUCKETS, -1, np.int32)
     slots, chosen = np.empty((4, SLOTS), np.float32), np.empty(2 * SLOTS + 1, np.int32)
     return values, queued, np.empty(count + 1, np.int32), heads, tails, slots, chosen
@@ -37,13 +37,14 @@ def front_arrays(count: int) -> tuple[np.ndarray, ...]:
 
 @kernel
 def march(stencils, seeds, exact, limit, disc, width, reached, front):
-    """March from `seeds`, whose values are set; list the vertices reached in `reached` and return their number.
+    """March from `seeds`; list the vertices reached in `reached` and return their number.
 
-    Values of seeds below `exact` are exact and stay; others may be lowered.
+    The values of the seeds must be set, and all other values must be `UNREACHED`. Seeds with values below `exact` keep
+    them. Other seeds may get lower values.
 
-    The front stops at vertices whose value is not below `limit`: with the distances to earlier sources, it visits
-    only the new source's Voronoi cell and the vertices at its border. Other values must be `UNREACHED`. Within `disc`,
-    in median edges, updates are spherical, beyond it planar. `width` is SLOTS, passed as a variable because the
+    The front stops at vertices whose value is not below `limit`. If `limit` has the distances to earlier sources, the
+    front visits only the new source's Voronoi cell and the vertices at its border. Updates are spherical within the
+    radius `disc`, in median edges, and planar beyond it. `width` is SLOTS. It is passed as a variable, because the
     compiler would unroll a loop of constant length instead of vectorising it.
 
     This is one function with separate loops that gather, compute and choose, because calls that pass arrays and
@@ -94,7 +95,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             for slot in range(SLOTS):
                 new = min(new, slots[3, slot])
 
-        if queued[v] == _SEEDED:  # a seed keeps at most its given value, and always passes it on
+        if queued[v] == _SEEDED:  # a seed's value never rises, and is always propagated
             new = min(new, old)
         elif not new < old * KEPT:
             queued[v] = 0
@@ -108,7 +109,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
             continue
 
         for block in range(first[v], first[v + 1]):
-            if settled or first[v + 1] - first[v] > 1:  # otherwise `slots` still has them from the update
+            if settled or first[v + 1] - first[v] > 1:  # otherwise `slots` still has these values
                 for slot in range(SLOTS):
                     slots[A, slot] = values[corners[block, A, slot]]
                     slots[P, slot] = values[corners[block, P, slot]]
@@ -117,7 +118,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
                 chosen[size] = slot
                 size += (slots[A, slot] > new) & (queued[corners[block, A, slot]] == 0)
             near = size
-            late = False  # rare: a vertex that has v as its P was visited before v
+            late = False  # rare: a vertex was visited before v although v is one of its P
             for slot in range(width):
                 late |= (slots[P, slot] > new) & (slots[P, slot] < UNREACHED)
             if late:
@@ -150,7 +151,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
 
 @kernel
 def append(heads, tails, following, bucket, vertex):
-    """Put `vertex` at the end of a bucket, a linked list."""
+    """Append `vertex` to a bucket, which is a linked list."""
     following[vertex] = -1
     if heads[bucket] < 0:
         heads[bucket] = vertex

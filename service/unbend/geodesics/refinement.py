@@ -1,8 +1,8 @@
 """Intrinsic Delaunay refinement: Steiner points at the circumcentres of thin triangles (Chew 1993; Sharp et al. 2019).
 
 Where vertices are few and far apart, as on the faces of CAD models, even Delaunay triangles are thin, and a front that
-crosses them has values at too few vertices. New vertices make the triangles rounder. They lie on the surface, at places
-described by lengths alone, and only marching uses them.
+crosses them has values at too few vertices. New vertices on the surface make the triangles rounder. Their places are
+known only by their distances from other vertices, and only marching uses them.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.geodesics.flips import flip_to_delaunay
-from unbend.geodesics.halfedges import before, following, relink, ring_before
+from unbend.geodesics.halfedges import before, following, previous_in_cycle, relink
 from unbend.geodesics.unfolding import apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import HOPELESS, REFINEMENT_STEPS
 
-_LOST = -1  # `_walk` returns this for a circumcentre that it does not find
+_LOST = -1  # in place of a face: the circumcentre was not found, or nothing was inserted
 
 
 @inlined
@@ -30,10 +30,10 @@ def largest_cosine(a, b, c):
 
 @kernel
 def refine(mesh, face_count, vertex_count, most, bound, narrow, work, changed):
-    """Insert vertices until no smallest angle has a cosine above `bound`, or there are `most` vertices.
+    """Insert vertices until no smallest angle has a cosine above `bound`, there are `most` vertices, or `mesh` is full.
 
-    The arrays of `mesh` have capacity for them. Thin triangles whose smallest angle is at a `narrow` vertex stay.
-    Return the numbers of faces and vertices.
+    A thin triangle stays if its smallest angle is at a `narrow` vertex, if its shortest side is far shorter than its
+    longest, or if its circumcentre cannot be inserted. Return the numbers of faces and vertices.
     """
     faces, _, lengths, _ = mesh
     waiting, queued, todo = work
@@ -78,7 +78,10 @@ def _corner_of(faces, face, vertex):
 
 @kernel
 def _list_around(mesh, corner, vertex, todo, left):
-    """List the faces around `vertex`, from its `corner` on, in both directions if a boundary ends the first."""
+    """Append the faces around `vertex` to `todo`, starting at its `corner`; return the new size of `todo`.
+
+    The loop turns one way. If it meets an edge that is not free, it starts again at `corner` and turns the other way.
+    """
     faces, twins, _, free = mesh
     if corner < 0:
         return left
@@ -99,17 +102,18 @@ def _list_around(mesh, corner, vertex, todo, left):
 
 @kernel
 def _insert_circumcentre(mesh, face, shortest, new_face, new_vertex):
-    """Insert the circumcentre of `face`, or halve a boundary edge in front of it.
+    """Insert the circumcentre of `face`, or halve the boundary edge that lies in front of the circumcentre.
 
     Nothing is inserted if an edge would be shorter than `shortest`. No vertex is nearer to the circumcentre of a
-    Delaunay triangle than its corners, so at circumcentres only rounding makes such edges. Return the face that was
-    split, and the second new face in addition to `new_face`; -1 for both if nothing was inserted.
+    Delaunay triangle than the triangle's corners, so only rounding makes such edges at circumcentres. Return the face
+    that was split, and the new face after `new_face`. If an edge was halved, there is no second new face, and both
+    values are the split face. If nothing was inserted, both are -1.
     """
     _, twins, lengths, _ = mesh
     at, half_edge, d0, d1, d2 = _walk(mesh, face)
     if half_edge >= 0:
         middle = _median(lengths[half_edge], lengths[before(half_edge)], lengths[following(half_edge)])
-        if twins[half_edge] >= 0 or min(0.5 * lengths[half_edge], middle) < shortest:  # an edge of several faces stays
+        if twins[half_edge] >= 0 or min(0.5 * lengths[half_edge], middle) < shortest:  # only boundary edges are halved
             return _LOST, _LOST
         _halve_boundary(mesh, half_edge, new_face, new_vertex)
         return half_edge // 3, half_edge // 3
@@ -129,8 +133,9 @@ def _median(base, from_a, from_b):
 def _walk(mesh, face):
     """Walk in a straight line from the middle of `face` to its circumcentre.
 
-    Return the face that contains the circumcentre, -1, and the distances from the circumcentre to that face's corners.
-    If the walk meets an edge that cannot be crossed, return -1, that half-edge and zeros.
+    Return a face, a half-edge and three distances. If a face contains the circumcentre, return that face, -1 and the
+    distances from the circumcentre to its corners. If the walk meets an edge that cannot be crossed, return -1, that
+    half-edge and zeros. If the walk fails, return -1, -1 and zeros.
     """
     _, twins, lengths, free = mesh
     x, y = np.zeros(3), np.zeros(3)
@@ -172,7 +177,7 @@ def _walk(mesh, face):
 
 @kernel
 def _split(mesh, face, new_face, vertex, d0, d1, d2):
-    """Split `face` (A, B, C) into itself (A, B, V), `new_face` (B, C, V) and the next (C, A, V)."""
+    """Split `face` (A, B, C) into (A, B, V), which keeps its number, `new_face` (B, C, V) and the next (C, A, V)."""
     faces, twins, lengths, free = mesh
     g, h = new_face, new_face + 1
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -180,14 +185,16 @@ def _split(mesh, face, new_face, vertex, d0, d1, d2):
     new = (3 * g + 2, 3 * h + 2, 3 * face + 2)
     sides = (lengths[old[0]], lengths[old[1]], lengths[old[2]])
     were_free = (free[old[0]], free[old[1]], free[old[2]])
-    beyond = (twins[old[0]], twins[old[1]], twins[old[2]])
-    ahead = (ring_before(twins, old[0]), ring_before(twins, old[1]), ring_before(twins, old[2]))
+    nexts = (twins[old[0]], twins[old[1]], twins[old[2]])
+    previous = (
+        previous_in_cycle(twins, old[0]), previous_in_cycle(twins, old[1]), previous_in_cycle(twins, old[2]),
+    )  # fmt: skip
     faces[face, 0], faces[face, 1], faces[face, 2] = a, b, vertex
     faces[g, 0], faces[g, 1], faces[g, 2] = b, c, vertex
     faces[h, 0], faces[h, 1], faces[h, 2] = c, a, vertex
     for k in range(3):
         lengths[new[k]], free[new[k]] = sides[k], were_free[k]
-    relink(twins, old, new, beyond, ahead)
+    relink(twins, old, new, nexts, previous)
     for one, other, length in ((3 * face, 3 * g + 1, d1), (3 * g, 3 * h + 1, d2), (3 * h, 3 * face + 1, d0)):
         twins[one], twins[other] = other, one
         lengths[one] = lengths[other] = length
@@ -196,7 +203,7 @@ def _split(mesh, face, new_face, vertex, d0, d1, d2):
 
 @kernel
 def _halve_boundary(mesh, half_edge, new_face, vertex):
-    """Split the face (C, A, B) at the middle V of its boundary edge AB into itself (C, A, V) and (C, V, B)."""
+    """Split the face (C, A, B) at the middle V of its boundary edge AB into (C, A, V) and `new_face` (C, V, B)."""
     faces, twins, lengths, free = mesh
     f, i = half_edge // 3, half_edge % 3
     c, a, b = faces[f, i], faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
@@ -204,14 +211,14 @@ def _halve_boundary(mesh, half_edge, new_face, vertex):
     new = (3 * new_face + 1, 3 * f + 2)
     sides, half = (lengths[old[0]], lengths[old[1]]), 0.5 * lengths[half_edge]
     were_free = (free[old[0]], free[old[1]])
-    beyond = (twins[old[0]], twins[old[1]])
-    ahead = (ring_before(twins, old[0]), ring_before(twins, old[1]))
+    nexts = (twins[old[0]], twins[old[1]])
+    previous = (previous_in_cycle(twins, old[0]), previous_in_cycle(twins, old[1]))
     middle = _median(lengths[half_edge], sides[1], sides[0])
     faces[f, 0], faces[f, 1], faces[f, 2] = c, a, vertex
     faces[new_face, 0], faces[new_face, 1], faces[new_face, 2] = c, vertex, b
     for k in range(2):
         lengths[new[k]], free[new[k]] = sides[k], were_free[k]
-    relink(twins, old, new, beyond, ahead)
+    relink(twins, old, new, nexts, previous)
     for outer in (3 * f, 3 * new_face):
         twins[outer], lengths[outer], free[outer] = -1, half, 0
     one, other = 3 * f + 1, 3 * new_face + 2

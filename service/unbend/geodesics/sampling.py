@@ -21,7 +21,7 @@ from unbend.mesh.surface import Surface
 from unbend.tolerances import SAMPLING_TIE
 
 _AT_A_TIME: Final = 32
-"""Samples between two reports of progress, enough that reports take no noticeable time."""
+"""Samples between two progress reports: so many that the reports take no noticeable time."""
 
 _TIE: Final = np.float32(1.0 - SAMPLING_TIE)
 
@@ -31,13 +31,13 @@ class Sampling:
     """Samples and their geodesic Voronoi diagram."""
 
     samples: Indices  # (k,)
-    nearest: Ints  # (n,) index in `samples` of the nearest one; -1 where none is reachable
+    nearest: Ints  # (n,) index in `samples` of the nearest sample; -1 where none is reachable
     radius: float
     """Largest distance from a reachable vertex to its nearest sample."""
 
 
 def farthest_point_sampling(surface: Surface, count: int, *, start: int | None = None) -> Indices:
-    """Choose `count` vertices, each the farthest from those before it.
+    """Choose `count` vertices, each the farthest from all previous ones.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ def farthest_point_sampling(surface: Surface, count: int, *, start: int | None =
         At least 1, at most the number of vertices that faces use.
     start : int, optional
         The first sample. The default is an end of the surface: the vertex farthest from the one that is farthest from
-        the first vertex used. Unlike a random start it is the same on every run and nearly the same in every pose.
+        the first vertex used. Unlike a random start, it is the same on every run and nearly the same in every pose.
 
     Returns
     -------
     (count,) int64
-        Vertex indices, in the order they were chosen. When all reachable vertices are samples, the others follow in
-        the order of their indices.
+        Vertex indices, in the order they were chosen. Vertices that no sample reaches, on other components, count as
+        the farthest, the lowest index first.
 
     Raises
     ------
@@ -78,9 +78,9 @@ def sample_farthest(
     start: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Sampling:
-    """Return the sampling of `farthest_point_sampling` from existing stencils, with its Voronoi cells.
+    """Return the same samples as `farthest_point_sampling`, from existing stencils, and their Voronoi cells.
 
-    `progress` receives the number of samples from time to time.
+    `progress` receives the number of samples after every 32 samples and at the end of each search.
     """
     used = surface.used_vertices
     if not 1 <= count <= len(used):
@@ -91,7 +91,7 @@ def sample_farthest(
     usable[stencils.place[used]] = True
     vertex = stencils.place[used[0] if start is None else check_vertices(surface, start, "start")[0]]
     wanted = [1, 1, count] if start is None else [count]
-    for number in wanted:  # the vertex farthest from a single sample starts the next search
+    for number in wanted:  # the vertex farthest from the samples starts the next search
         samples, owner, distance = _sample(stencils, usable, vertex_at, vertex, number, progress)
         vertex = int(np.where(usable & np.isfinite(distance), distance, -1.0).argmax())
     radius = float(distance[usable & np.isfinite(distance)].max(initial=0.0)) * stencils.unit
@@ -118,7 +118,7 @@ def _sample(
 
 @kernel
 def _sample_on(stencils, free, labels, vertex, begin, end, samples, distance, owner, reached, width, start, front):
-    """Take samples number `begin` to `end` - 1, the first of them `vertex`; return the next candidate."""
+    """Take samples number `begin` to `end` - 1, starting with `vertex`; return the next sample."""
     for number in range(begin, end):
         samples[number] = vertex
         free[vertex] = False
@@ -129,9 +129,9 @@ def _sample_on(stencils, free, labels, vertex, begin, end, samples, distance, ow
 
 @kernel
 def _farthest(distance, usable, labels):
-    """Return the farthest vertex, the one of lowest label among ties.
+    """Return the farthest vertex; among ties, the vertex with the lowest label.
 
-    On symmetric surfaces rounding must not decide, so that bent versions of one mesh have the same samples.
+    Distances that differ only by rounding are ties, so that bent versions of a symmetric mesh have the same samples.
     """
     largest = np.float32(-1.0)
     for vertex in range(len(distance)):

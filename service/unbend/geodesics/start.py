@@ -1,10 +1,10 @@
 """The exact start of a front: shortest paths over the triangles around its source.
 
-Near its source a front is rounder than any update equation assumes, and marching carries that error everywhere: if it
-starts from the source alone, it converges as h^0.67. So an exact algorithm runs first. It unfolds the triangles around
-the source, nearest first, by windows and pseudo-sources (Chen & Han 1990, in the order and with the filter of Xin &
-Wang 2009), for a bounded number of events. Distances below the radius it reaches are exact and final. Marching starts
-from these and the other distances found.
+Near its source a front is rounder than any update equation assumes, and marching carries that error everywhere. If
+marching starts from the source alone, it converges as h^0.67. So an exact algorithm runs first, for a bounded number of
+events. It unfolds the triangles around the source, nearest first, by windows and pseudo-sources (Chen & Han 1990, in
+the order and with the filter of Xin & Wang 2009). Distances below the radius that it covers are exact and final.
+Marching starts from all distances found.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from unbend.geodesics.unfolding import angle, apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import SADDLE, START_EVENTS
 
-_CAPACITY: Final = 16 * START_EVENTS  # of events; a source with more triangles gets no exact distances
-_NEW: Final = 16  # most events that one event creates, if no more than eight triangles meet at an edge
-_NEARLY: Final = 1.1  # measured: distances up to this factor beyond the radius have smaller errors than marched ones
+_CAPACITY: Final = 16 * START_EVENTS  # most events; a source with more triangles gets no exact distances
+_NEW: Final = 16  # most events that one event creates, if at most eight triangles meet at an edge
+_NEARLY: Final = 1.1  # measured: distances up to this multiple of the radius have smaller errors than marched ones
 _FILTERED: Final = 1.0 - 1e-6  # distances are stored in single precision
-_GRAZING: Final = 1e-6  # a ray that misses a vertex by less than this share of the distance meets it
+_GRAZING: Final = 1e-6  # a ray hits a vertex if it misses it by less than this share of the distance
 _STRAIGHT: Final = np.pi
 _FLAT: Final = 2.0 * np.pi + SADDLE
 
@@ -29,8 +29,8 @@ _FLAT: Final = 2.0 * np.pi + SADDLE
 def start_arrays(count: int) -> tuple[np.ndarray, ...]:
     """Return the work arrays of `start_front` for `count` vertices.
 
-    These are the seeds, each event's half-edge and vertex, each event's shape, the keys and items of a heap of events,
-    and three counters.
+    The arrays are the seeds, the half-edge and the vertex of each event, the shape of each event, the keys and the
+    items of a heap of events, and three counters.
     """
     return (
         np.empty(count, np.int32), np.empty((_CAPACITY, 2), np.int32), np.empty((_CAPACITY, 9)),
@@ -47,8 +47,10 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
 
     A *pseudo-source* is a vertex where shortest paths bend. A *window* is a side (A, B) of a triangle, unfolded into
     the plane of the source or of a pseudo-source, and the two rays between which the side is visible from there.
-    Windows propagate over every other triangle at their side. The vertices reached are listed in `seeds`. The search
-    ends after `enough` events, or, below the radius `wanted`, after three times as many, and at `horizon`.
+    Windows propagate over every other triangle at their side. The vertices reached are listed in `seeds`.
+
+    The search ends after `enough` events if it has covered the radius `wanted`, otherwise after three times as many. It
+    also ends at the distance `horizon`.
     """
     seeds, events, _, keys, items, counters = start
     around = mesh[5]
@@ -67,7 +69,7 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
             done += 1
             _cross(mesh, event, value, start)
         elif np.float32(key) <= value[events[event, 1]]:  # no shorter path found since
-            if around[events[event, 1]] < 0.0:  # windows over edges of zero length are rounding
+            if around[events[event, 1]] < 0.0:  # windows beyond such a vertex may be pure rounding error
                 sure = min(sure, key)
             done += _leave(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
@@ -83,7 +85,7 @@ def _norm(x, y):
 
 @inlined
 def _cross(mesh, event, value, start):
-    """Propagate a window over the triangle behind it."""
+    """Propagate a window over the triangle behind its side."""
     faces, _, lengths, _, _, around = mesh
     _, events, shapes, _, _, _ = start
     half_edge, a = events[event, 0], events[event, 1]
@@ -119,7 +121,7 @@ def _cross(mesh, event, value, start):
 
 @inlined
 def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x, left_y, before, value, start):
-    """Queue the window over `half_edge`, unless paths through an end of that side are shorter everywhere."""
+    """Queue a window over the side `half_edge`, unless paths through one of the side's ends are shorter everywhere."""
     _, twins, _, _, _, _ = mesh
     _, events, shapes, keys, items, counters = start
     ex, ey = bx - ax, by - ay
@@ -150,9 +152,10 @@ def _add_window(mesh, half_edge, a, b, ax, ay, bx, by, right_x, right_y, left_x,
 
 @inlined
 def _reach(vertex, distance, corner, turn, value, start):
-    """Lower the distance of a vertex, reached in `corner`, at the angle `turn` from the side to the next corner.
+    """Lower the distance of a vertex and queue it, unless a shorter path is known.
 
-    Paths of equal length may pass an obstacle on both sides, and each has its own shadow behind the next vertex.
+    The path arrives in `corner`, at the angle `turn` from the side to the next corner. A path of equal length is queued
+    too, because two such paths may pass an obstacle on both sides, and each has its own shadow behind the vertex.
     """
     seeds, events, shapes, keys, items, counters = start
     lower = np.float32(distance)
@@ -172,14 +175,15 @@ def _reach(vertex, distance, corner, turn, value, start):
 
 @inlined
 def _leave(mesh, event, distance, value, start):
-    """Continue from a vertex along its edges, and as from a source if paths bend at it. Return 1 if they do, else 0.
+    """Continue paths from a vertex along its edges, and open windows behind the vertex if paths may bend there.
 
-    Rounding loses rays that graze a vertex, so windows alone would miss the edges behind it.
+    Return 1 if they may, else 0. Paths along the edges are needed everywhere, because rounding loses rays
+    that graze a vertex, and windows alone would miss the edges behind it.
     """
     faces, _, lengths, starts, corners, around = mesh
     events = start[1]
     vertex = events[event, 1]
-    if around[vertex] == np.inf:  # a boundary, or no single fan: paths may continue into every triangle
+    if around[vertex] == np.inf:  # a boundary, or several fans: paths may continue into every triangle
         _open_fan(mesh, vertex, distance, value, start)
         return 1
     for index in range(starts[vertex], starts[vertex + 1]):
@@ -204,7 +208,7 @@ def _turn_back(mesh, corner, to_next, across, opposite):
 
 @inlined
 def _bend(mesh, event, distance, value, start):
-    """Open windows into the shadow behind a vertex, more than half a turn from where the path came."""
+    """Open windows into the shadow behind a vertex: the directions at least half a turn from the arriving path."""
     faces, twins, lengths, _, _, around = mesh
     _, events, shapes, _, _, _ = start
     vertex, corner = events[event, 1], -1 - events[event, 0]
@@ -230,7 +234,7 @@ def _bend(mesh, event, distance, value, start):
 
 @inlined
 def _open_fan(mesh, vertex, distance, value, start):
-    """Reach all neighbours of a vertex, and open windows over the sides opposite it."""
+    """Reach all neighbours of a vertex, and open windows over the sides opposite the vertex."""
     faces, _, lengths, starts, corners, _ = mesh
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]
@@ -239,7 +243,7 @@ def _open_fan(mesh, vertex, distance, value, start):
         to_a, to_b, across = lengths[at_b], lengths[at_a], lengths[side]
         turn = _turn_back(mesh, at_a, to_a, across, to_b)
         _reach(faces[face, at_a % 3], distance + to_a, at_a, turn, value, start)
-        if distance + to_b < value[faces[face, at_b % 3]]:  # otherwise it is the A of another triangle
+        if distance + to_b < value[faces[face, at_b % 3]]:  # false if B was reached as the A of another triangle
             _reach(faces[face, at_b % 3], distance + to_b, at_b, 0.0, value, start)
     for index in range(starts[vertex], starts[vertex + 1]):
         side = corners[index]

@@ -1,19 +1,19 @@
 """Stencils of fast marching: the triangles through which a front can reach each vertex.
 
-A *slot* of vertex C is a triangle (C, A, B) in the plane with C at the origin, A on the x axis and B above it, and the
-vertex P that is visible from C behind the edge AB when the mesh is unfolded there. A front reaches C between A and P
-or between P and B. Kimmel & Sethian (1998) unfold only where the angle at C is obtuse, so that A and P, and P and B,
-are known before C. Here every corner is unfolded: the two halves represent a front's curvature better than the
-triangle, which more than halves the error (docs/benchmarks.md).
+A *slot* of vertex C is a triangle (C, A, B) in the plane with C at the origin, A on the x axis and B above that axis,
+and the vertex P that is visible from C behind the edge AB when the mesh is unfolded there. A front reaches C between A
+and P or between P and B. Kimmel & Sethian (1998) unfold only where the angle at C is obtuse, so that the values at A
+and P, or at P and B, are known before the value at C. Here every corner is unfolded: the two halves represent a
+front's curvature better than the whole triangle, which more than halves the error (docs/benchmarks.md).
 
-Eight slots make a block, laid out so that one vector instruction processes a row; most vertices have one block of 256
+Eight slots make a block, so that one vector instruction processes a row of a block. Most vertices have one block of 256
 bytes. Empty slots refer to a vertex that no front reaches.
 
-Triangles are those of the intrinsic triangulation. Where it differs from the given one, given triangles fill otherwise
-empty slots. Both triangulate the same surface, so all slots are valid; more slots reduce the error and take no time.
+The triangles come from the intrinsic triangulation. Where it differs from the given one, given triangles fill otherwise
+empty slots. Both triangulate the same surface, so all slots are valid. More slots reduce the error at no cost.
 
-The surface need not be manifold or oriented: each triangle is independent, and over an edge of three faces or more the
-unfolding takes one of the other faces.
+The surface need not be manifold or oriented: each triangle is independent. Over an edge of three faces or more, the
+unfolding continues into one of the other faces.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from unbend.mesh.surface import Surface
 from unbend.tolerances import DEGENERATE_BASE, LONGEST_EDGE, NEEDLE
 
 SLOTS: Final = 8
-"""Slots in a block: the 8 floats of one AVX register; a vertex of a mesh has 6 triangles on average."""
+"""Slots in a block: the 8 floats of one AVX register. A vertex has 6 triangles on average."""
 
 A, B, P, AX, BX, BY, PX, PY = range(8)  # the rows of a block
 BLOCK_BYTES: Final = 8 * SLOTS * 4
@@ -44,22 +44,24 @@ _MOST_TRIED: Final = 64  # most given triangles around a vertex that are conside
 
 
 Triangles = tuple[Ints, Ints, Floats, Ints, Ints, Floats]
-"""Arrays that `start_front` reads: faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,) and
-corners (3 m,) around each vertex v as corners[starts[v]:starts[v + 1]], and the angle there (k,): inf where they do
-not form a single closed fan, -1 where it is unknown."""
+"""Arrays that `start_front` reads.
+
+They are the faces (m, 3), twins (3 m,) and lengths (3 m,) of half-edges, starts (k + 1,), corners (3 m,) and angles
+(k,). The corners of vertex v are corners[starts[v]:starts[v + 1]]. See `_angles_around` for the angles.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Stencils:
     """All slots of a surface, and the triangles they come from.
 
-    Vertices are renumbered breadth first, so that a front touches nearby memory: `place[v]` is the new number of the
-    surface's vertex v. Steiner points are numbered among them. Lengths are in units of the median
-    edge, in single precision.
+    Vertices are renumbered breadth first, so that a front touches nearby memory. `place[v]` is the new number of the
+    surface's vertex v. The new numbers also include Steiner points. Lengths are in units of the median edge; the slots
+    have single precision.
     """
 
-    first: Ints  # (k + 1,) int32: vertex v has blocks first[v] to first[v + 1]
-    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; every neighbour is an A; k where there is none
+    first: Ints  # (k + 1,) int32: vertex v has the blocks from first[v] to first[v + 1] - 1
+    corners: Ints  # (b, 8, SLOTS) int32: rows A, B, P; every neighbour is an A of some slot; k in empty slots
     shapes: NDArray[np.float32]  # the same memory: rows AX to PY, coordinates of A, B and P
     place: Ints  # (n,) int32
     unit: float  # length of the median edge
@@ -68,7 +70,7 @@ class Stencils:
 
     @property
     def vertex_count(self) -> int:
-        """Number of vertices k, with Steiner points and those that no face uses."""
+        """Number of vertices k, including Steiner points and vertices without a face."""
         return len(self.first) - 1
 
     @property
@@ -94,9 +96,9 @@ def stencils_of(surface: Surface) -> Stencils:
 
 
 def build_stencils(surface: Surface, *, intrinsic: bool = True) -> Stencils:
-    """Build the stencils of `surface`: O(n + m) for n vertices and m faces, and the necessary flips.
+    """Build the stencils of `surface`, in O(n + m) for n vertices and m faces plus the time of flips and refinement.
 
-    Without `intrinsic` they use the given triangles only, for benchmarks.
+    Benchmarks turn `intrinsic` off: the stencils then use only the given triangles.
     """
     unit = _median_edge(surface)
     given = half_edges_of(surface, unit)
@@ -139,7 +141,7 @@ def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]
 
 
 def _median_edge(surface: Surface) -> float:
-    """Return the length of the median edge; MeshGeometryError if an edge is too long for single precision."""
+    """Return the length of the median edge; raise MeshGeometryError if an edge is too long for single precision."""
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces)
     # The median, because a few long edges would raise the mean far above all others.
     typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0
@@ -154,7 +156,7 @@ def _median_edge(surface: Surface) -> float:
 
 @kernel
 def _corners_of_vertices(faces, count):
-    """Return, for each vertex v, its corners 3 f + i as around[starts[v]:starts[v + 1]]."""
+    """Return arrays `starts` and `around`: around[starts[v]:starts[v + 1]] are the corners 3 f + i of vertex v."""
     starts = np.zeros(count + 2, np.int32)
     for face in range(len(faces)):
         for corner in range(3):
@@ -172,7 +174,7 @@ def _corners_of_vertices(faces, count):
 
 @kernel
 def _placed_corners(starts, around, order):
-    """Return the corners around each vertex, with vertices in `order`."""
+    """Return `starts` and `around` with vertices renumbered by their places in `order`."""
     new_starts, new_around = np.empty(len(starts), np.int32), np.empty(len(around), np.int32)
     size = 0
     for rank in range(len(order)):
@@ -188,8 +190,8 @@ def _placed_corners(starts, around, order):
 def _angles_around(mesh, starts, around, rank_of):
     """Return the angle around each vertex.
 
-    It is inf where the corners do not form a single closed fan of free edges, and -1 where a triangle has such a short
-    side, compared with the others, that its angles are rounding.
+    The angle is inf at a vertex whose corners do not form a single closed fan of free edges. It is -1 at the corners of
+    a triangle with a side so short, compared with the others, that rounding dominates its angles.
     """
     _, twins, lengths, free = mesh
     angles = np.zeros(len(starts) - 1)
@@ -247,7 +249,7 @@ def _breadth_first(faces, starts, around):
 
 @kernel
 def _count_blocks(mesh, starts, around, order, first):
-    """Count slots: one per triangle, and one per side from the vertex that is not the CA of another triangle."""
+    """Count slots: one per triangle, and one per edge of the vertex that would otherwise not be the CA of a slot."""
     _, _, _, free = mesh
     for rank in range(len(order)):
         vertex = order[rank]
@@ -272,14 +274,14 @@ def _slot_of(mesh, half_edge):
     bx, by = 0.0, from_b
     if from_a > 0.0:
         bx, by = apex(from_b, base, from_a)
-    # No front crosses a boundary edge. Over an edge of zero length it comes along CA. The far end of a needle is too
-    # far away to have a direction. None of these gets a P.
+    # Three kinds of edges get no P: boundary edges, which no front crosses, edges of zero length, because a front comes
+    # along CA instead, and the far sides of needles, which are too far away to have a direction.
     p, px, py = -1, 0.0, 0.0
     if twins[half_edge] >= 0 and base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b):
         if by > 0.0:
             p, px, py = vertex_behind(lengths, faces, twins, half_edge, from_a, bx, by)
         if p < 0 or max(abs(px), abs(py)) > NEEDLE * min(from_a, from_b):
-            p, px, py = b, bx, by  # one half is then the whole triangle, the other is empty
+            p, px, py = b, bx, by  # the half between A and P is then the whole triangle, the other half is empty
     return a, b, p, from_a, bx, by, px, py
 
 
@@ -310,10 +312,10 @@ def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
 
 @kernel
 def _fill_empty(mesh, changed, starts, around, order, place, first, corners, shapes, filled):
-    """Fill empty slots with given triangles that were replaced.
+    """Fill empty slots with given triangles that the intrinsic triangulation replaced.
 
-    Triangles whose A is no longer a neighbour come first, so that fronts can follow given edges; then those with the
-    farthest P.
+    Triangles whose A is no longer a neighbour come first, so that fronts can follow given edges. Triangles with the
+    farthest P come next.
     """
     touched = _touched(mesh, changed, len(order))
     ends, places = np.empty((_MOST_TRIED, 3), np.int32), np.empty((_MOST_TRIED, 5), np.float32)
@@ -345,7 +347,7 @@ def _fill_empty(mesh, changed, starts, around, order, place, first, corners, sha
 
 @kernel
 def _touched(mesh, changed, count):
-    """Return for each vertex whether its given triangles may have slots that the intrinsic ones lack, (count,)."""
+    """Return a mask of the vertices whose given triangles may have slots that the intrinsic ones lack, (count,)."""
     faces, twins, _, _ = mesh
     touched = np.zeros(count, np.bool_)
     for face in range(len(faces)):
@@ -358,7 +360,7 @@ def _touched(mesh, changed, count):
 
 @kernel
 def _find(corners, block, size, a, b, p):
-    """Return 2 if a slot with these corners is among the first `size`, 1 if one with this A is, 0 if none."""
+    """Return 2 if one of the first `size` slots has these corners, 1 if one has at least this A, otherwise 0."""
     found = 0
     for slot in range(size):
         at, lane = block + slot // SLOTS, slot % SLOTS

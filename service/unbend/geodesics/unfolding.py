@@ -19,7 +19,7 @@ def apex(from_a, from_b, base):
 
 @inlined
 def apex_beyond(ax, ay, bx, by, x, y, base):
-    """Place an apex, (x, y) over the base from A to B, on the side of it that lies to the right of A -> B."""
+    """Place an apex on the right of the base A -> B, at x along the base from A and at the distance y from it."""
     ex, ey = (bx - ax) / base, (by - ay) / base
     return ax + x * ex + y * ey, ay + x * ey - y * ex
 
@@ -49,14 +49,14 @@ def half_edge_lengths(vertices, faces):
 def vertex_behind(lengths, faces, twins, half_edge, ax, bx, by):
     """Unfold over `half_edge`, away from the corner C opposite it, to the first vertex P that is visible from C.
 
-    C is at the origin, the ends of the edge at A = (ax, 0) and B = (bx, by), by > 0. P must lie between the rays
-    from C to A and B; where C's angle is obtuse, in the part between them where CP makes an acute angle with both
-    (Kimmel & Sethian 1998, section 4.2).
+    C is at the origin, the ends of the edge are at A = (ax, 0) and B = (bx, by), by > 0. P must lie between the rays
+    from C to A and B. If C's angle is obtuse, CP must also make an acute angle with both rays (Kimmel & Sethian 1998,
+    section 4.2).
 
     Returns
     -------
     (P, x, y)
-        P is -1 if a boundary, a triangle with a base of zero length or the number of steps ends the search.
+        P is -1 if the search ends at a boundary, at a triangle with a base of zero length, or at the limit of steps.
     """
     ay = 0.0
     right_x, right_y, left_x, left_y = ax, ay, bx, by

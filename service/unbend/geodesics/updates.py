@@ -1,8 +1,8 @@
 """The two update equations of fast marching, for one segment of a stencil.
 
-Each takes distances u1 and u2 at a segment's ends and the segment's position relative to the corner C: its squared
-length, and C's coordinates along and across it, both multiplied by its length (which avoids a square root). It returns
-inf if the front reaches C from outside the segment.
+Each takes the distances u1 and u2 at a segment's ends and the segment's position relative to the corner C: the squared
+length of the segment, and C's coordinates along and across it, both multiplied by the length (which avoids a square
+root). Each returns inf if the front reaches C from outside the segment.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ _MARGIN = np.float32(-RAY_MARGIN)
 
 @inlined
 def spherical_squared(u1, u2, squared, along, across):
-    """Return the squared distance of C from the virtual source u1 and u2 from the ends (Novotni & Klein 2002).
+    """Return the squared distance of C from a virtual source (Novotni & Klein 2002).
 
-    The source lies behind the segment at the given distances from its ends; the ray from it to C must meet the segment.
+    The source lies behind the segment, at the distances u1 and u2 from its ends. The ray from the source to C must meet
+    the segment.
     """
     foot = _HALF * ((u1 - u2) * (u1 + u2) + squared)
     square = u1 * u1 * squared - foot * foot
@@ -33,7 +34,7 @@ def spherical_squared(u1, u2, squared, along, across):
     offset = foot - along
     value = (offset * offset + height * height) / squared
     meets = (crossing >= _MARGIN * end) & (crossing <= end) & (height > _ZERO) & (squared > _ZERO)
-    causal = (value >= u1 * u1) & (value >= u2 * u2)  # C is reached after both ends, otherwise it cannot depend on them
+    causal = (value >= u1 * u1) & (value >= u2 * u2)  # C may depend only on ends that the front reaches before it
     return value if meets & causal else _NONE
 
 
@@ -41,7 +42,7 @@ def spherical_squared(u1, u2, squared, along, across):
 def planar(u1, u2, squared, along, across):
     """Return the distance of C from a straight front through the segment's ends (Kimmel & Sethian 1998, section 4.1).
 
-    The front's gradient along the segment is (u2 - u1) / length; the ray back from C must meet the segment.
+    The front's gradient along the segment is (u2 - u1) / length. The ray back from C must meet the segment.
     """
     rise = u2 - u1
     square = squared - rise * rise
@@ -68,10 +69,10 @@ def spherical_slot(ua, ub, up, ax, bx, by, px, py):
 
 @inlined
 def planar_slot(ua, ub, up, ax, bx, by, px, py):
-    """Return the distance of C through a slot, split if its angle is obtuse, as Kimmel & Sethian do.
+    """Return the distance of C through a slot, which is split if its angle is obtuse, as Kimmel & Sethian do.
 
-    CP is an edge of both halves, so the front may also follow it. The whole triangle is used too, because it is exact
-    if both its ends are known in time. P at the origin means that no front crosses AB.
+    CP is an edge of both halves, so the front may also follow CP. The whole triangle is used too, because it is exact
+    if the values at A and B are known in time. P at the origin means that no front crosses AB.
     """
     ex, ey = bx - ax, by
     whole = planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by)

@@ -22,12 +22,12 @@ class VoronoiDiagram:
     """The geodesic Voronoi cells of sources, as sets of vertices."""
 
     distances: Floats  # (n,) to the nearest source, in units of the vertices; inf where none is reachable
-    nearest: Ints  # (n,) int32: index of the nearest one among the sources; -1 where none is reachable
-    areas: Floats  # (k,) areas of the cells; each corner of a triangle counts for a third of it
+    nearest: Ints  # (n,) int32: index of the nearest source; -1 where none is reachable
+    areas: Floats  # (k,) areas of the cells; each corner of a triangle counts for a third of the triangle
 
 
 def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "spherical") -> VoronoiDiagram:
-    """Divide a surface among sources: each vertex belongs to the one that is nearest along the surface.
+    """Divide a surface among sources: each vertex belongs to the source that is nearest along the surface.
 
     Each source's front stops where an earlier source is nearer, so the total time is little more than that of a few
     fronts.
@@ -36,7 +36,7 @@ def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "
     ----------
     surface : Surface
     sources : int or (k,) array of int
-        Vertex indices. A vertex equally near to several sources, or to one given twice, belongs to the first.
+        Vertex indices. A vertex that is equally near to several sources belongs to the first of them.
     update : {"spherical", "planar"}, default "spherical"
         See `geodesic_distances`.
 
@@ -67,7 +67,7 @@ def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "
 
 
 def cell_areas(surface: Surface, nearest: Ints, count: int) -> Floats:
-    """Return the area of each of `count` cells, (count,), from the cell that each vertex is in, -1 for none."""
+    """Return the area of each of `count` cells, (count,), given the cell of each vertex, -1 for none."""
     reached = nearest >= 0
     return np.bincount(nearest[reached], surface.vertex_areas[reached], minlength=count).astype(np.float64)
 

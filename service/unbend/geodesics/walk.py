@@ -1,9 +1,10 @@
 """A canonical order of a surface's faces, independent of the order in its file.
 
 The distances of marching depend slightly on the order of visits, because the update equations have more than one fixed
-point. So the order must not be the file's. The walk starts at a face chosen by lengths alone, and orients each face as
-it enters it. It is the same if faces are listed in another order, start at another corner, or have the opposite
-orientation. Lengths also order the faces at an edge of three or more. Vertex labels break ties.
+point. So the order must not come from the file. The walk starts at a face chosen by its lengths, and orients each face
+like the face from which it enters. The walk stays the same if the file lists faces in another order, starts them at
+another corner, or reverses their orientation. Lengths also order the faces at an edge of three or more. Vertex numbers
+break ties.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from unbend.arrays import Bools, Floats, Ints
 from unbend.jit import kernel
 
 _LEVELS: Final = 2.0**30
-"""Number of levels to which lengths are rounded, so that rounding errors do not break ties."""
+"""The longest length in rounded units. Lengths are rounded to whole units, so that rounding errors break no ties."""
 
 
 def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
-    """Return the order of a walk over faces (m, 3): breadth first, over edges of two faces.
+    """Return the order of a breadth-first walk over faces (m, 3), across edges of exactly two faces.
 
-    It starts at the face with the longest perimeter, and so does the walk over each remaining part.
+    The walk starts at the face with the longest perimeter. When it can reach no further face, it continues at the
+    remaining face with the longest perimeter.
 
     Parameters
     ----------
@@ -36,9 +38,11 @@ def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
     Returns
     -------
     entries : (m,) int32
-        The half-edge over which the walk enters each face, in the order of the walk.
+        The half-edge over which the walk enters each face, in the order of the walk. For a face at which the walk
+        starts, its longest half-edge.
     turned : (m,) bool
-        Whether that face must be reversed to agree with the face before it.
+        Whether the orientation of that face must be reversed to agree with the face from which the walk entered it,
+        as that face is oriented after its own reversal.
     """
     levels = _quantized(lengths)
     perimeters = levels.sum(axis=1)
@@ -51,9 +55,9 @@ def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
     return entries, turned
 
 
-def sort_rings(faces: Ints, twins: Ints, lengths: Floats) -> Ints:
-    """Return twins, (3 m,), ordered at an edge of several faces from the shortest perimeter to the longest."""
-    sorted_twins: Ints = _sort_rings(faces, twins, _quantized(lengths).sum(axis=1))
+def sort_cycles(faces: Ints, twins: Ints, lengths: Floats) -> Ints:
+    """Return `twins` (3 m,) with each cycle of three half-edges or more sorted by the perimeters of the faces."""
+    sorted_twins: Ints = _sort_cycles(faces, twins, _quantized(lengths).sum(axis=1))
     return sorted_twins
 
 
@@ -69,17 +73,17 @@ def _sorted(chosen: NDArray[np.intp], faces: Ints, perimeters: NDArray[np.int64]
 
 
 @kernel
-def _sort_rings(faces, twins, perimeters):
-    result, seen, ring = twins.copy(), np.zeros(len(twins), np.bool_), np.empty(len(twins), np.int32)
+def _sort_cycles(faces, twins, perimeters):
+    result, seen, cycle = twins.copy(), np.zeros(len(twins), np.bool_), np.empty(len(twins), np.int32)
     for half_edge in range(len(twins)):
         size, at = 0, half_edge
         while at >= 0 and not seen[at]:
             seen[at] = True
-            ring[size] = at
+            cycle[size] = at
             at, size = twins[at], size + 1
         if size < 3:
             continue
-        here = ring[:size]
+        here = cycle[:size]
         here[:] = here[np.argsort(np.array([faces[side // 3, side % 3] for side in here]), kind="mergesort")]
         here[:] = here[np.argsort(np.array([perimeters[side // 3] for side in here]), kind="mergesort")]
         for place in range(size):
@@ -89,7 +93,7 @@ def _sort_rings(faces, twins, perimeters):
 
 @kernel
 def _walk(faces, twins, levels, seeds, entries, turned, seen, size):
-    """Walk from each seed not seen yet; return the total number of faces entered."""
+    """Walk from each of `seeds` that is not in `seen` yet; return the total number of faces entered."""
     for seed in seeds:
         if seen[seed]:
             continue
@@ -117,7 +121,7 @@ def _walk(faces, twins, levels, seeds, entries, turned, seen, size):
 
 @kernel
 def _two_corners(face, levels):
-    """Return the corner opposite the longest side, and that opposite the next."""
+    """Return the corner opposite the longest side and the corner opposite the second longest."""
     first = 0
     for i in range(1, 3):
         if _precedes(face, levels, i, first):

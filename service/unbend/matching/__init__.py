@@ -1,1 +1,1 @@
-"""Comparison of signatures: distances, search, classification and retrieval metrics."""
+"""Comparison of signatures: measures, search, classification and evaluation."""

@@ -1,4 +1,4 @@
-"""The class map: shapes as points whose distances approximate those of a measure (section 2.3 and Fig. 8: D_M)."""
+"""The class map: points for shapes, whose distances approximate a measure (section 2.3 and Fig. 8: D_M)."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from unbend.embedding.stress import stress
 from unbend.matching.measures import VectorMeasure
 
 MAX_LANDMARKS: Final = 2000
-"""The most shapes that are embedded by all distances between them. Further shapes are placed by distances to these."""
+"""Most shapes that are embedded by all distances between them. Further shapes are placed by distances to these."""
 
 _ANCHORS: Final = 200
-"""The number of landmarks whose distances place a further shape."""
+"""Number of landmarks by whose distances a further shape is placed."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClassMap:
-    """A point for each shape, in the principal axes of all. Distances define it up to rotation and reflection."""
+    """A point for each shape, in the principal axes of all. Distances define the map up to rotation and reflection."""
 
     points: Floats
     """(n, m)."""
     stress: float
-    """Eq. 2 of the landmarks: 0 if the map is exact."""
+    """Eq. 2 of the landmarks. It is 0 if the map is exact."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
@@ -40,7 +40,7 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
     Parameters
     ----------
     vectors : (n, d) float32
-        One per shape, finite.
+        One finite vector per shape.
     measure : VectorMeasure
     dimensions : int, default 2
     threads : int, optional
@@ -49,7 +49,7 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
     Returns
     -------
     ClassMap
-        The same on every run.
+        The same for the same input on every run.
 
     Raises
     ------
@@ -58,9 +58,9 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
     """
     landmarks = _landmarks(vectors, measure)
     distances = measure.matrix(vectors[landmarks])
-    if not distances.any():  # no shape, a single one, or copies of one: there is no scale to embed in
+    if not distances.any():  # no shape, a single one, or only copies of one
         return ClassMap(np.zeros((len(vectors), dimensions)), 0.0)
-    # Distances may be 1e-4 or 1e4, depending on the measure; the steps below work on distances near 1.
+    # Depending on the measure, distances may be 1e-4 or 1e4. The steps below need distances near 1.
     unit = float(distances.max())
     embedded = embed(distances / unit, dimensions, threads=threads).points
     points = embedded
@@ -74,10 +74,10 @@ def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, 
 
 
 def _landmarks(vectors: Singles, measure: VectorMeasure) -> Indices:
-    """Return the rows of the shapes that are embedded: all of them, or a sample in random order.
+    """Return the rows of the shapes that are embedded: all rows, or a sample in random order.
 
-    The sample is even over the shapes sorted by distance from their mean, so that it is as dense as they are
-    for any order of the rows.
+    The sample is evenly spaced among the shapes sorted by distance from their mean. So its density follows that of the
+    shapes, whatever the order of the rows.
     """
     count = len(vectors)
     if count <= MAX_LANDMARKS:

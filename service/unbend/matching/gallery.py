@@ -1,4 +1,4 @@
-"""A gallery: labelled vectors to compare a query with, and a cache of values computed once per gallery."""
+"""A gallery: labelled vectors that a query is compared with, and a cache of values computed once per gallery."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Gallery:
     vectors: Singles
     """(n, d)."""
     codes: Codes
-    """Index into `labels` of each row's class, (n,); UNLABELLED for rows without a class."""
+    """Index into `labels` of each row's class, (n,), UNLABELLED for rows without a class."""
     labels: tuple[str, ...]
-    """The classes. A class may have no members left."""
+    """The classes. A class may have no members."""
 
     @classmethod
     def of(cls, vectors: Singles, labels: Sequence[str | None]) -> Self:
-        """Make a gallery from a label, or None, for each row of `vectors`."""
+        """Make a gallery. `labels` has a class, or None, for each row of `vectors`."""
         names = tuple(dict.fromkeys(label for label in labels if label is not None))
         code_of = {name: code for code, name in enumerate(names)}
         codes = np.array([UNLABELLED if label is None else code_of[label] for label in labels], np.int32)
@@ -40,7 +40,7 @@ class Gallery:
         return len(self.codes)
 
     def label(self, row: int) -> str | None:
-        """Return the class of a row."""
+        """Return the class of a row, None if it has none."""
         code = int(self.codes[row])
         return None if code == UNLABELLED else self.labels[code]
 
@@ -48,7 +48,7 @@ class Gallery:
 def cached_per_gallery(compute: Callable[[Gallery], Value]) -> Callable[[Gallery], Value]:
     """Cache the result of `compute` for each gallery until the gallery is garbage collected.
 
-    Other threads wait while one computes.
+    Only one thread computes at a time; other threads wait for it.
     """
     lock = threading.Lock()
     cache: dict[int, Value] = {}

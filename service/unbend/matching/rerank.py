@@ -1,4 +1,4 @@
-"""Reranking: the nearest shapes of a vector search, compared again by a measure of whole signatures."""
+"""Reranking: comparing the nearest shapes of a vector search again, by a measure of whole signatures."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from unbend.signature.signature import Signature
 from unbend.threads import check_threads, share_out
 
 SHORTLIST: Final = 5
-"""The default number of candidates. When a pair measure alone decides the order, longer lists lose more where the
-search was right than they gain where it was wrong (benchmarks/retrieval/rerank.py, "length of the short list")."""
+"""The default number of candidates. The pair measure alone decides their order, and with longer lists it spoils more
+correct results than it corrects wrong ones (benchmarks/retrieval/rerank.py, "length of the short list")."""
 
 
 def rerank(
@@ -27,7 +27,7 @@ def rerank(
     ----------
     query : Signature
     candidates : sequence of c Signature
-        For example the nearest by a `VectorMeasure`.
+        For example the nearest shapes under a `VectorMeasure`.
     measure : PairMeasure
     threads : int, optional
         All cores by default. The result does not depend on it.

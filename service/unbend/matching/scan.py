@@ -1,4 +1,4 @@
-"""Exact search: distances from a query to every row of a gallery in one pass, limited by memory bandwidth."""
+"""Exact search: distances from a query to every row of a gallery in one pass, limited only by memory bandwidth."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from unbend.jit import summing
 from unbend.threads import check_threads, share_out
 
 _SINGLE_THREAD_MAX: Final = 1 << 22
-"""The most numbers that one thread reads faster than threads start: about a millisecond of work."""
+"""Most numbers for which a single thread is faster, because threads take time to start: about a millisecond of work."""
 
 
 def scan(query: Singles, gallery: Singles, threads: int | None = None) -> Floats:
     """Return the L1 distance, the sum of absolute differences, from `query` to each row of `gallery`.
 
-    A distance depends only on the two vectors, not on the threads, the position of the row or the other rows. It is
-    exactly symmetric, and 0 between equal vectors.
+    A distance depends only on the two vectors, not on the number of threads, the position of the row or the other rows.
+    It is exactly symmetric, and 0 for equal vectors.
 
     Parameters
     ----------
     query : (d,) float32
         Finite values.
     gallery : (n, d) float32
-        A row with an infinite value is at an infinite distance.
+        A row with an infinite value is at infinite distance.
     threads : int, optional
-        All cores by default. A small gallery is read by the calling thread alone.
+        All cores by default. For a small gallery, only the calling thread is used.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def scan(query: Singles, gallery: Singles, threads: int | None = None) -> Floats
 def _kernel_view(array: Singles) -> Singles:
     """Return a contiguous, read-only view.
 
-    All arrays then have one type, so that Numba compiles one version of the kernel and all sums round alike.
+    Then all arrays have the same type, so that Numba compiles a single version of the kernel and all sums round alike.
     """
     view = np.ascontiguousarray(array, np.float32).view()
     view.flags.writeable = False

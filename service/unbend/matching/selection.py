@@ -13,9 +13,9 @@ _EMPTY: Final = -1  # index in an unused slot of the heap
 
 
 def smallest(distances: Floats, count: int | None = None) -> Indices:
-    """Return the indices of the `count` (default all) smallest of `distances` (n,), in ascending order of distance.
+    """Return the indices of the `count` smallest (by default all) of `distances` (n,), in ascending order of distance.
 
-    Ties come in the order of their indices. Infinite and NaN distances are left out.
+    Ties are in the order of their indices. Infinite and NaN distances are left out.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def smallest(distances: Floats, count: int | None = None) -> Indices:
 def nearest_of_each_class(distances: Floats, codes: Codes, classes: int) -> Floats:
     """Return the smallest of `distances` (n,) in each class, (classes,); infinite for a class without members.
 
-    `codes` (n,) are the rows' classes. Rows with a negative code belong to none.
+    `codes` (n,) are the classes of the rows. Rows with a negative code belong to no class.
     """
     nearest = np.full(classes, np.inf)
     _keep_nearest(distances, codes, nearest)
@@ -48,7 +48,7 @@ def _worse(distance: float, place: int, other: float, other_place: int) -> bool:
 
 @kernel
 def _keep_smallest(distances: Floats, kept: Floats, places: Indices) -> None:
-    """Fill a max-heap of the smallest distances; among equal ones the last index is nearest to the root."""
+    """Fill a max-heap with the smallest distances. Among equal distances, a larger index counts as larger."""
     size = kept.shape[0]
     for place in range(distances.shape[0]):
         distance = distances[place]

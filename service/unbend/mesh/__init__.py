@@ -1,1 +1,1 @@
-"""Reading, checking and repairing meshes; analytic test surfaces."""
+"""Reading, checking, repairing and writing meshes; analytic test surfaces."""

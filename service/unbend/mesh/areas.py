@@ -9,8 +9,8 @@ from unbend.jit import kernel
 
 
 def triangle_areas(vertices: Floats, faces: Ints, scale: float) -> Floats:
-    """Return the area of each of `faces` (m, 3), (m,); `scale` is the scale of the surface."""
-    # The square of a cross product is a fourth power of lengths; scaling keeps it within double precision.
+    """Return the area of each of `faces` (m, 3), as (m,); `scale` is the surface's `scale`."""
+    # The square of a cross product is a fourth power of lengths. Scaling keeps it within the range of double precision.
     areas = np.empty(len(faces))
     _fill_areas(vertices, faces, scale, areas)
     return areas

@@ -1,7 +1,7 @@
-"""A tree of boxes around items in space, for exact nearest-item searches in compiled code.
+"""A tree of bounding boxes, for exact nearest-item searches in compiled code.
 
-scipy's k-d tree finds the nearest point, but not the nearest point of another component, nor the nearest triangle: both
-need a search that the caller prunes.
+scipy's k-d tree finds the nearest point, but not the nearest point of another component, nor the nearest triangle. Both
+need a search with the caller's own pruning.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from unbend.arrays import Floats, Indices, Ints
 from unbend.jit import kernel
 
 LEAF: Final = 8
-"""Items in a leaf."""
+"""Number of items in a leaf."""
 
-_BITS = 21  # bits of a Morton code for each axis: 63 for three
+_BITS = 21  # bits of a Morton code per axis: 63 for three axes
 
 
 @dataclass(frozen=True, eq=False)
 class BoxTree:
-    """A complete binary tree over items in Morton order; node 1 is the root, 2 i and 2 i + 1 are i's children.
+    """A complete binary tree over items in Morton order. Node 1 is the root; 2 i and 2 i + 1 are the children of i.
 
-    Leaf `leaves + j` holds the items `order[LEAF * j : LEAF * (j + 1)]`. Leaves after the last item are empty, and at
-    infinite distance.
+    Leaf `leaves + j` contains the items `order[LEAF * j : LEAF * (j + 1)]`. Leaves after the last item are empty and at
+    infinite distance from every point.
     """
 
     order: Indices  # (n,)
@@ -39,7 +39,7 @@ class BoxTree:
 
 
 def build_boxes(lower: Floats, upper: Floats) -> BoxTree:
-    """Build the tree of items whose boxes go from `lower` to `upper`, both (n, 3): O(n log n)."""
+    """Build the tree of items whose boxes extend from `lower` to `upper`, both (n, 3), in O(n log n)."""
     order = morton_order(0.5 * (lower + upper))
     filled = -(-len(order) // LEAF)
     leaves = 1 << (filled - 1).bit_length()
@@ -56,9 +56,9 @@ def build_boxes(lower: Floats, upper: Floats) -> BoxTree:
 
 
 def uniform_labels(tree: BoxTree, labels: Ints) -> Ints:
-    """Return for each node the common label of its items, -1 if they differ, (2 leaves,).
+    """Return for each node the common label of its items, -1 if the labels differ, (2 leaves,).
 
-    `labels` (n,) are in the tree's order.
+    `labels` (n,) are in the order of the tree.
     """
     leaves = tree.leaves
     padded = np.full(leaves * LEAF, labels[-1], labels.dtype)
@@ -76,7 +76,7 @@ def uniform_labels(tree: BoxTree, labels: Ints) -> Ints:
 
 @kernel
 def box_distance(lower: Floats, upper: Floats, node: int, x: float, y: float, z: float) -> float:
-    """Return the squared distance of a point from a node's box, infinite for an empty one."""
+    """Return the squared distance of a point from a node's box, infinite for an empty box."""
     dx = max(lower[node, 0] - x, 0.0, x - upper[node, 0])
     dy = max(lower[node, 1] - y, 0.0, y - upper[node, 1])
     dz = max(lower[node, 2] - z, 0.0, z - upper[node, 2])
@@ -87,7 +87,7 @@ def box_distance(lower: Floats, upper: Floats, node: int, x: float, y: float, z:
 def push_children(
     stack: Indices, top: int, node: int, lower: Floats, upper: Floats, x: float, y: float, z: float
 ) -> int:
-    """Push a node's children onto the stack, the nearer one last, so that it is visited first."""
+    """Push a node's children onto the stack, the nearer child last, so that it is visited first."""
     left = box_distance(lower, upper, 2 * node, x, y, z)
     right = box_distance(lower, upper, 2 * node + 1, x, y, z)
     stack[top + 1] = 2 * node if left > right else 2 * node + 1

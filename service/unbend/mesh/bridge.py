@@ -14,7 +14,7 @@ from unbend.mesh.boxes import LEAF, box_distance, build_boxes, push_children, un
 from unbend.mesh.components import face_components, join, root
 from unbend.mesh.surface import Surface
 
-_MOST_NEIGHBOURS: Final = 128  # that are tried for a link's third corner: a hub of many links may have any number
+_MOST_NEIGHBOURS: Final = 128  # most neighbours that are tried as a link's third corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +24,14 @@ class Bridges:
     faces: Ints  # (count - 1, 3); the first two corners are the link's ends
     lengths: Floats  # (count - 1,)
     area: float
-    """Area that the faces add to the surface."""
+    """Total area of the added faces."""
 
 
 def bridge(surface: Surface) -> Bridges:
     """Connect the components of `surface` by the shortest links between their vertices.
 
-    The links are a minimum spanning tree of the components. A link is an edge of a triangle; the third corner is a
-    neighbour of one of its ends, the one that adds the least area. No vertex is added.
+    The links are a minimum spanning tree of the components. Each link is an edge of a new triangle, whose third corner
+    is the neighbour of one of the link's ends that gives the least area. No vertex is added.
     """
     count, component = face_components(surface.faces, len(surface.vertices))
     labels = np.empty(len(surface.vertices), np.int32)
@@ -46,10 +46,10 @@ def bridge(surface: Surface) -> Bridges:
 
 
 def shortest_links(points: Floats, labels: Ints, count: int) -> Indices:
-    """Return pairs of `points` (n, 3) that join `count` sets, labelled 0 .. count - 1, to one, (count - 1, 2).
+    """Return pairs of `points` (n, 3) that join `count` sets, labelled 0 .. count - 1, to one set, (count - 1, 2).
 
-    They are a minimum spanning tree (Borůvka): in each round every set except the largest takes its shortest link to
-    another, which at least halves the number of sets.
+    The pairs are a minimum spanning tree (Borůvka). In each round every set except the largest takes its shortest link
+    to another set, which about halves the number of sets.
     """
     tree = build_boxes(points, points)
     ordered, labels = points[tree.order], labels[tree.order]
@@ -99,9 +99,9 @@ def _shortest_outgoing(
 
 
 def _merge(ends: Ints, largest: int) -> tuple[Indices, Ints]:
-    """Join sets by links from `ends[:, 0]` to `ends[:, 1]`; return the needed links, and new labels.
+    """Join sets by links from `ends[:, 0]` to `ends[:, 1]`; return the links that joined two sets, and new labels.
 
-    Both ends of the shortest link choose it, and equally long links may close a cycle: such links are not needed.
+    Some links join nothing: two sets may choose the same link, and links of equal length may close a cycle.
     """
     sets = np.arange(len(ends), dtype=np.int32)
     taken = [label for label in range(len(ends)) if label != largest and join(sets, ends[label, 0], ends[label, 1])]
@@ -110,7 +110,7 @@ def _merge(ends: Ints, largest: int) -> tuple[Indices, Ints]:
 
 
 def _thinnest_faces(surface: Surface, links: Indices) -> tuple[Ints, Floats]:
-    """Return for each link the face of least area with a neighbour of either end, and its area."""
+    """Return for each link its face of least area with a neighbour of either end, and that area."""
     ends, others = links.ravel(), links[:, ::-1].ravel()
     neighbours, starts, counts = _neighbours(surface.faces, len(surface.vertices), ends)
     end = np.repeat(np.arange(len(ends)), counts)
@@ -123,7 +123,7 @@ def _thinnest_faces(surface: Surface, links: Indices) -> tuple[Ints, Floats]:
 
 
 def _neighbours(faces: Ints, vertex_count: int, ends: Indices) -> tuple[Indices, Indices, Indices]:
-    """Return a list of neighbours, and for each of `ends` the start and the number of its own."""
+    """Return an array of neighbours, and for each of `ends` the start and the number of its neighbours there."""
     wanted = np.zeros(vertex_count, bool)
     wanted[ends] = True
     near = faces[wanted[faces].any(axis=1)].astype(np.int64)

@@ -1,4 +1,4 @@
-"""The topology of a triangle list: fans around vertices, holes, orientation."""
+"""Counts of a surface's topology: boundaries, fans around vertices, orientation."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ class Census:
 
     boundary_edges: int
     boundary_loops: int
-    """Rings of boundary edges, around holes or the whole surface. A ring stays within a fan, even where fans meet."""
+    """Loops of boundary edges, around holes or the whole surface. A loop does not change from one fan to another."""
     nonmanifold_edges: int
     nonmanifold_vertices: int
-    """Vertices where several fans meet; the faces of a fan are connected across edges."""
+    """Vertices where several fans meet. A fan is a set of faces at a vertex that are connected across edges."""
     misoriented_edges: int
     """Edges of two faces with different orientations."""
 
 
 def take_census(surface: Surface) -> Census:
-    """Count what `Census` names: O(m) for m faces once the edges are known."""
+    """Compute the `Census` of a surface, in O(m) for m faces once the edges are known."""
     # Corner 3 f + i is corner i of face f; half-edge h runs from corner next(h) to corner next(next(h)).
     vertex, twins = surface.faces.ravel(), surface.edges.twins()
     fan = np.arange(len(vertex), dtype=np.int32)
@@ -55,7 +55,7 @@ def _join_fans(vertex: Ints, twins: Ints, fan: Ints) -> int:
     for half_edge in range(len(vertex)):
         twin = twins[half_edge]
         if twin < half_edge:
-            continue  # a boundary, or an edge that the other side has joined already
+            continue  # on the boundary, or joined already from the other half-edge
         tail, twin_tail = _next(half_edge), _next(twin)
         head, twin_head = _next(tail), _next(twin_tail)
         if vertex[tail] == vertex[twin_tail]:
@@ -70,7 +70,7 @@ def _join_fans(vertex: Ints, twins: Ints, fan: Ints) -> int:
 
 @kernel
 def _count_loops(twins: Ints, fan: Ints, seen: Bools) -> int:
-    """Count rings of boundary edges: sets of fans that such edges join."""
+    """Count the loops of boundary edges: the connected sets of fans, where boundary edges connect fans."""
     loops = 0
     for half_edge in range(len(fan)):
         if twins[half_edge] < 0:

@@ -1,4 +1,4 @@
-"""Removal of invalid and repeated faces, and counts that need no neighbours."""
+"""Removal of invalid and repeated faces, and counts of defects."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from unbend.tolerances import DEGENERATE_HEIGHT
 def cleaned(vertices: Floats, faces: Ints, report: MeshReport) -> Surface:
     """Return the surface of all valid faces, with the findings in its report.
 
-    Faces with a coordinate that is not finite, with a repeated vertex, or with the corners of an earlier face are
-    dropped. Faces of zero area stay, because they may connect others.
+    Faces are dropped if a coordinate is not finite, if they repeat a vertex, or if they have the corners of an earlier
+    face. Faces of zero area stay, because they may connect other faces.
 
     Raises
     ------
     MeshGeometryError
-        If no face with an area is left; the message names a vertex that is not finite.
+        If no face with an area is left. The message names a vertex that is not finite, if there is one.
     """
     faces, nonfinite, report = _drop_nonfinite(vertices, faces, report)
     faces, report = drop_repeats(faces, len(vertices), report)
@@ -40,7 +40,7 @@ def cleaned(vertices: Floats, faces: Ints, report: MeshReport) -> Surface:
         row = int(nonfinite[0])
         raise MeshGeometryError(
             f"vertex {row} has coordinates {vertices[row].tolist()}, which are not finite, and no face with an area "
-            "is without such a vertex"
+            "is left without such vertices"
         )
     raise MeshGeometryError(problem)
 
@@ -54,7 +54,7 @@ def drop_repeats(faces: Ints, vertex_count: int, report: MeshReport) -> tuple[In
 
 
 def find_repeats(faces: Ints, vertex_count: int) -> tuple[Bools, Bools]:
-    """Return masks of the `faces` (m, 3) that repeat a vertex, and of those with the corners of an earlier face."""
+    """Return masks of the `faces` (m, 3) that repeat a vertex, and of the faces with the corners of an earlier face."""
     a, b, c = faces.T
     twice: Bools = (a == b) | (b == c) | (c == a)
     again: Bools = ~twice & (equal_faces(faces, vertex_count) != np.arange(len(faces)))
@@ -74,7 +74,7 @@ def _drop_nonfinite(vertices: Floats, faces: Ints, report: MeshReport) -> tuple[
 
 
 def _count_slivers(surface: Surface) -> int:
-    # No edge is longer than the extent's diagonal, so few faces need their edges measured.
+    # No edge is longer than the diagonal of the bounding box, so only a few faces need their edges measured.
     limit = DEGENERATE_HEIGHT * surface.extent * 3**0.5
     thin = np.flatnonzero(2 * surface.face_areas <= limit * surface.extent * 3**0.5)
     corners = surface.vertices[surface.faces[thin]] / surface.scale

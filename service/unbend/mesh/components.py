@@ -10,9 +10,9 @@ from unbend.mesh.surface import Surface
 
 
 def face_components(faces: Ints, vertex_count: int) -> tuple[int, Ints]:
-    """Return the number of components and the component of each face, (m,); a shared vertex connects faces.
+    """Return the number of components and the component of each face, (m,).
 
-    Components are numbered by their lowest vertices.
+    A shared vertex connects faces. Components are numbered in the order of their lowest vertices.
     """
     lowest = np.empty(len(faces), np.int32)
     _find_lowest(faces, np.arange(vertex_count, dtype=np.int32), lowest)
@@ -35,7 +35,7 @@ def largest_component(surface: Surface) -> tuple[Ints, int, float]:
 
 @kernel
 def root(parent: Ints, item: int) -> int:
-    """Return the lowest member of an item's set, with path halving."""
+    """Return the lowest member of an item's set in a union-find structure, with path halving."""
     while parent[item] != item:
         parent[item] = parent[parent[item]]
         item = parent[item]
@@ -44,7 +44,7 @@ def root(parent: Ints, item: int) -> int:
 
 @kernel
 def join(parent: Ints, a: int, b: int) -> bool:
-    """Join the sets of two items; return False if they were one already."""
+    """Join the sets of two items; return False if both were in one set already."""
     a, b = root(parent, a), root(parent, b)
     if a == b:
         return False

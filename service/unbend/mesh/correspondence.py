@@ -15,14 +15,14 @@ def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
     Raises
     ------
     UnsuitedError
-        If the file has no such vertex, or simplification removed it; `what` names it in the message.
+        If the file has no such vertex, or simplification removed it. `what` names the argument in the message.
     """
     count = len(surface.vertices if surface.vertex_map is None else surface.vertex_map)
     if not 0 <= vertex < count:
         raise UnsuitedError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}")
     place = vertex if surface.vertex_map is None else int(surface.vertex_map[vertex])
     if place < 0:
-        raise UnsuitedError(f"{what}: vertex {vertex} vanished when the mesh was simplified")
+        raise UnsuitedError(f"{what}: vertex {vertex} was removed when the mesh was simplified")
     return place
 
 

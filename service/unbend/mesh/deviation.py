@@ -13,8 +13,9 @@ from unbend.tolerances import DEGENERATE_HEIGHT
 def largest_distance(points: Floats, vertices: Floats, faces: Ints, near: Indices) -> float:
     """Return the largest distance of any of `points` (k, 3) from the triangles `faces` (m, 3) of `vertices`.
 
-    `near` (k,) has for each point a vertex that may be near, -1 for none. A point that is nearer to the faces of that
-    vertex than the farthest point so far needs no search, so the points farthest from such faces come first.
+    `near` (k,) has for each point a vertex that may be near, -1 for none. The distance from the faces at that vertex is
+    an upper bound for the point. Points with the largest bounds come first. A later point needs no search if its bound
+    is below the largest distance found so far.
     """
     low = vertices.min(axis=0)
     scale = float((vertices.max(axis=0) - low).max()) or 1.0
@@ -40,7 +41,7 @@ def _triple(n0: float, n1: float, n2: float, a0: float, a1: float, a2: float, b0
 
 @inlined
 def _segment_distance(a0: float, a1: float, a2: float, b0: float, b1: float, b2: float) -> float:
-    """Squared distance of the origin from a segment."""
+    """Return the squared distance of the origin from a segment."""
     e0, e1, e2 = b0 - a0, b1 - a1, b2 - a2
     square = e0 * e0 + e1 * e1 + e2 * e2
     along = min(1.0, max(0.0, -(a0 * e0 + a1 * e1 + a2 * e2) / square)) if square > 0.0 else 0.0
@@ -49,7 +50,7 @@ def _segment_distance(a0: float, a1: float, a2: float, b0: float, b1: float, b2:
 
 @kernel
 def triangle_distance(corners: Floats, face: int, x: float, y: float, z: float) -> float:
-    """Return the squared distance of a point from a triangle, which may be a line or a point."""
+    """Return the squared distance of a point from a triangle, which may be degenerate."""
     a0, a1, a2 = corners[face, 0, 0] - x, corners[face, 0, 1] - y, corners[face, 0, 2] - z
     b0, b1, b2 = corners[face, 1, 0] - x, corners[face, 1, 1] - y, corners[face, 1, 2] - z
     c0, c1, c2 = corners[face, 2, 0] - x, corners[face, 2, 1] - y, corners[face, 2, 2] - z
@@ -78,7 +79,7 @@ def triangle_distance(corners: Floats, face: int, x: float, y: float, z: float) 
 
 @kernel
 def _fan_distances(points: Floats, corners: Floats, near: Indices, around: Indices, offsets: Indices) -> Floats:
-    """Squared distance of each point from the faces around a vertex, infinite if the vertex is -1."""
+    """Return the squared distance of each point from the faces at its vertex in `near`, infinite if that is -1."""
     distances = np.full(len(points), np.inf)
     for i in range(len(points)):
         if near[i] >= 0:
@@ -90,7 +91,7 @@ def _fan_distances(points: Floats, corners: Floats, near: Indices, around: Indic
 
 @kernel
 def _farthest(points: Floats, bounds: Floats, corners: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the largest squared distance of a point from the nearest triangle, limited by its bound."""
+    """Return the largest squared distance of a point from the nearest triangle; `bounds` are upper bounds."""
     stack = np.empty(64, np.int64)
     leaves = len(lower) // 2
     farthest = 0.0
@@ -98,7 +99,7 @@ def _farthest(points: Floats, bounds: Floats, corners: Floats, lower: Floats, up
         x, y, z = points[i]
         nearest = bounds[i]
         stack[0], top = 1, 0
-        while top >= 0 and nearest > farthest:  # stop once the point is nearer than the farthest so far
+        while top >= 0 and nearest > farthest:  # stop once the point cannot be the farthest
             node = stack[top]
             top -= 1
             if box_distance(lower, upper, node, x, y, z) >= nearest:

@@ -16,10 +16,10 @@ class MeshLimits:
     faces: int | None = None
 
     def check(self, vertices: int, faces: int) -> None:
-        """Raise MeshTooLargeError if there are more."""
+        """Raise MeshTooLargeError if `vertices` or `faces` exceed the limits."""
         for most, count, name in ((self.vertices, vertices, "vertices"), (self.faces, faces, "triangles")):
             if most is not None and count > most:
-                raise MeshTooLargeError(f"the file holds or announces more than {most:,} {name}")
+                raise MeshTooLargeError(f"the file has or announces more than {most:,} {name}")
 
 
 UNLIMITED: Final = MeshLimits()

@@ -15,7 +15,7 @@ from unbend.tolerances import SAME_ANGLE
 
 @dataclass(frozen=True, eq=False)
 class Rims:
-    """Boundary half-edges of a surface, from `tail` to `head`, opposite the corner `apex`; each (b,)."""
+    """Boundary half-edges of a surface, from vertex `tail` to `head`, opposite vertex `apex`, all (b,)."""
 
     half_edge: Ints
     tail: Ints
@@ -32,11 +32,11 @@ class Rims:
         return len(self.half_edge)
 
     def where(self, chosen: Bools | Ints) -> Rims:
-        """Return the chosen ones."""
+        """Return the half-edges that `chosen` selects."""
         return Rims(self.half_edge[chosen], self.tail[chosen], self.head[chosen], self.apex[chosen])
 
     def without(self, joins: Joins) -> Rims:
-        """Return the half-edges that `joins` do not contain."""
+        """Return the half-edges that are not in `joins`."""
         joined = np.zeros(int(self.half_edge.max(initial=-1)) + 1, bool)
         joined[joins.half_edges] = True
         return self.where(~joined[self.half_edge])
@@ -58,11 +58,11 @@ class Joins:
         return len(self.half_edges)
 
     def where(self, chosen: Bools) -> Joins:
-        """Return the chosen ones."""
+        """Return the joins that `chosen` selects."""
         return Joins(self.half_edges[chosen], self.ends[chosen])
 
-    def and_(self, others: Joins) -> Joins:
-        """Return these joins followed by others."""
+    def followed_by(self, others: Joins) -> Joins:
+        """Return these joins and then `others`."""
         if len(self) == 0:
             return others
         return Joins(np.concatenate([self.half_edges, others.half_edges]), np.concatenate([self.ends, others.ends]))
@@ -71,10 +71,11 @@ class Joins:
 def joins_between(surface: Surface, rims: Rims, places: Ints, *, soup: bool, misoriented: bool) -> Joins:
     """Return the pairs of `rims` to join; `places` has the place of each vertex, (n,) int32.
 
-    In a `soup` no two faces share an edge. Two half-edges that are alone at their place are a pair if their directions
-    are opposite; with `misoriented` or in a soup, for any directions. Three or more are paired around the edge, so that
-    each pair bounds the solid between its faces; one may stay alone. In a soup, all half-edges at a place are joined if
-    more run in one direction than in the other. Coincident faces are never joined.
+    Half-edges are at one place if their ends are. Two half-edges at a place are a pair if their directions are
+    opposite. With `misoriented`, or in a `soup`, in which no two faces share an edge, any directions are allowed. Three
+    or more half-edges are paired around the edge, so that each pair bounds the solid between its faces; one may stay
+    alone. In a soup, all half-edges at a place are joined if more run in one direction than in the other. Coincident
+    faces are never joined.
     """
     tails, heads = places[rims.tail], places[rims.head]
     order = _sorted_by(np.maximum(tails, heads), np.arange(len(rims), dtype=np.int32), len(places))
@@ -104,7 +105,7 @@ def corners_of(vertex: Ints, half_edges: Ints) -> tuple[Ints, Ints, Ints]:
 
 @kernel
 def _sorted_by(ends: Ints, before: Ints, count: int) -> Ints:
-    """Sort half-edges by one end, below `count`, keeping the order `before` of equal ones: a counting sort."""
+    """Sort half-edges, given in the order `before`, by one of their ends with a stable counting sort."""
     begins = np.zeros(count + 1, np.int32)
     for end in ends:
         begins[end + 1] += 1
@@ -119,9 +120,9 @@ def _sorted_by(ends: Ints, before: Ints, count: int) -> Ints:
 
 @kernel
 def _groups(tails: Ints, heads: Ints, order: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return the start in `order` and the size of each group of half-edges at one place.
+    """Return the start in `order`, the size and the balance of each group of half-edges at one place.
 
-    The third array has the number of half-edges from the lower to the higher place minus the number of others.
+    The balance is the number of half-edges from the lower to the higher place minus the number of all others.
     """
     starts, counts, balance = np.empty_like(order), np.zeros_like(order), np.zeros_like(order)
     groups, low, high = 0, -1, -1
@@ -140,7 +141,7 @@ def _groups(tails: Ints, heads: Ints, order: Ints) -> tuple[Ints, Ints, Ints]:
 
 @kernel
 def _joins(pairs: Ints, half_edge: Ints, tail: Ints, head: Ints, apex: Ints, places: Ints) -> tuple[Ints, Ints]:
-    """Return the half-edges of `pairs` and the ends to join, without pairs of one face or of faces at one place."""
+    """Return the half-edges of `pairs` and the ends to join, without pairs of one face or of coincident faces."""
     half_edges, ends = np.empty((len(pairs), 2), np.int32), np.empty((len(pairs), 2, 2), np.int32)
     count = 0
     for i in range(len(pairs)):
@@ -157,7 +158,7 @@ def _joins(pairs: Ints, half_edge: Ints, tail: Ints, head: Ints, apex: Ints, pla
 
 @kernel
 def _chained(order: Ints, starts: Ints, counts: Ints) -> Ints:
-    """Return each member of a group paired with the next one, (k, 2) int32."""
+    """Pair each member of a group with the next member, (k, 2) int32."""
     pairs = np.empty((counts.sum() - len(counts), 2), np.int32)
     count = 0
     for group in range(len(starts)):
@@ -185,7 +186,10 @@ def _paired_around(surface: Surface, rims: Rims, places: Ints, order: Ints, star
 
 
 def _angles_around(surface: Surface, rims: Rims, places: Ints) -> Floats:
-    """Return the angle of each face around its edge, counterclockwise seen against the edge's own direction, (b,)."""
+    """Return the angle of each face around its edge, (b,).
+
+    Angles are counterclockwise for a viewer towards whom the edge points, from its lower to its higher place.
+    """
     points = surface.vertices / surface.scale
     tails, heads = places[rims.tail], places[rims.head]
     low, high = points[np.minimum(tails, heads)], points[np.maximum(tails, heads)]
@@ -200,7 +204,7 @@ def _angles_around(surface: Surface, rims: Rims, places: Ints) -> Floats:
 
 
 def _signed_volume(surface: Surface) -> float:
-    """Return the volume that faces enclose, positive if they are counterclockwise from outside."""
+    """Return a number with the sign of the enclosed volume: positive if faces are counterclockwise from outside."""
     used = surface.vertices[surface.used_vertices] / surface.scale
     a, b, c = np.moveaxis(surface.vertices[surface.faces] / surface.scale - used.mean(axis=0), 1, 0)
     return float((np.cross(a, b) * c).sum())
@@ -208,10 +212,11 @@ def _signed_volume(surface: Surface) -> float:
 
 @kernel
 def _match_around(angles: Floats, solid_ends: Bools, begins: Ints, counts: Ints, same: float, partner: Indices) -> None:
-    """Pair each face where a solid begins, counterclockwise, with the face where it ends; write into `partner` (k,).
+    """Pair each face where a solid begins, counterclockwise, with the face where that solid ends.
 
-    At equal angles, ends come before beginnings. Members of a group keep the order of the file, and at equal angles the
-    last face to begin is the first to end, so that coincident sheets are paired within themselves.
+    Write the pairs to `partner` (k,). At equal angles, ends come before beginnings. Members of a group keep the order
+    of the file. At equal angles the last face to begin is the first to end, so that each of several coincident sheets
+    is paired with itself.
     """
     for group in range(len(begins)):
         begin, count = begins[group], counts[group]

@@ -1,4 +1,4 @@
-"""The policy for defects that have more than one reasonable repair."""
+"""The policy for properties of a mesh that can be treated in more than one way."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Components = Literal["largest", "bridge", "error"]
 Seams = Literal["stitch", "keep"]
 
 FEWEST_VERTICES: Final = 4
-"""Vertices of a tetrahedron: no closed surface has fewer."""
+"""The vertices of a tetrahedron. No closed surface has fewer."""
 
 MOST_ROUNDS: Final = 100
-"""Most rounds of smoothing: each enlarges the slowest waves by up to 0.09 %, so all by less than a tenth."""
+"""Most rounds of smoothing. Each enlarges low frequencies by up to 0.09 %, so all rounds by less than a tenth."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,17 @@ class MeshPolicy(JsonObject):
     ----------
     components : {"largest", "bridge", "error"}, default "largest"
         Keep the component of largest area, connect the components by the shortest links between their vertices, or
-        refuse a mesh of several. Vertices of dropped components stay in the surface without faces, so that indices do
-        not change.
+        raise an error if there are several. Vertices of dropped components stay in the surface without faces, so that
+        indices do not change.
     max_vertices : int, optional
         Simplify a mesh whose faces use more vertices. The surface then has new vertices, and its `vertex_map` maps
-        those of the mesh to them.
+        the vertices of the mesh to the new ones.
     smooth : int, default 0
-        Rounds of smoothing (Taubin 1995), 0 to 100, that remove noise without changing indices. Smoothing comes before
-        links and simplification, so that noise does not affect these.
+        Rounds of smoothing (Taubin 1995), 0 to 100, which remove noise and keep indices. Smoothing comes before links
+        and simplification, so that noise does not affect either.
     seams : {"stitch", "keep"}, default "stitch"
-        Join boundary edges whose ends coincide, because files split vertices where normals or texture coordinates
-        jump; `vertex_map` maps the copies of a vertex to one. Or leave the surface cut there.
+        "stitch" joins boundary edges whose ends coincide, because files split vertices where normals or texture
+        coordinates jump; `vertex_map` then maps all copies of a vertex to one vertex. "keep" leaves the surface cut.
 
     Raises
     ------

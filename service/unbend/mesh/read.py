@@ -35,13 +35,13 @@ def read_mesh(
     source : bytes, str, Path or binary file
         The mesh. Its content determines the format; polygons are cut into triangles.
     file_type : str, optional
-        "off", "obj", "ply", "stl" or "glb", for content that does not determine the format. By default the extension
-        of the path.
+        "off", "obj", "ply", "stl" or "glb", for content that does not determine the format. The default is the
+        extension of the path.
     policy : MeshPolicy, optional
         Treatment of seams, several components, noise, and too many vertices. By default seams are joined, and the
         largest component is kept.
     limits : MeshLimits, optional
-        Most vertices and triangles of the file, before the policy applies; no limit by default.
+        Most vertices and triangles of the file, before the policy is applied. There is no limit by default.
     progress : callable, optional
         Called with a `Progress` as each stage begins: "reading", "repairing".
 
@@ -57,11 +57,11 @@ def read_mesh(
     MeshFormatError
         If the format is none of these.
     MeshReadError
-        If the file is damaged; the message says where.
+        If the file is damaged. The message says where, if that is known.
     MeshTooLargeError
-        If it has more than `limits` allow; a header is enough to refuse it.
+        If the file exceeds `limits`. Announced numbers are checked before the file is parsed.
     MeshGeometryError
-        If it has no usable surface.
+        If the mesh has no usable surface, or the policy does not allow it.
     OSError
         If a path cannot be read.
     """
@@ -92,16 +92,16 @@ def _parse(data: bytes, kind: str, limits: MeshLimits) -> ParsedMesh:
             parsed = REGISTRY[kind].read(data, limits)
     except (MeshError, MemoryError):
         raise
-    except Exception as error:  # damaged files fail in all kinds of ways
+    except Exception as error:  # damaged files cause all kinds of exceptions
         raise MeshReadError(f"the {kind} file is damaged or incomplete") from error
     if not len(parsed.faces):
-        raise MeshReadError(f"the {kind} file holds no triangles")
+        raise MeshReadError(f"the {kind} file contains no triangles")
     limits.check(_places(parsed, kind, limits), len(parsed.faces))
     return parsed
 
 
 def _places(parsed: ParsedMesh, kind: str, limits: MeshLimits) -> int:
-    """Return the number of vertices for the limit; in stl, whose facets share none, the number of places."""
+    """Return the number of vertices to compare with the limit; in stl, where facets share none, of different points."""
     number = len(parsed.vertices)
     if kind != "stl" or limits.vertices is None or number <= limits.vertices:
         return number

@@ -1,4 +1,4 @@
-"""From raw vertices and faces to a `Surface`: count defects, repair them, and report both."""
+"""Repair: from raw vertices and faces to a `Surface`, with a report of defects and repairs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def repair(
     Faces with a coordinate that is not finite, with a repeated vertex, or equal to another face are dropped. `policy`
     determines the treatment of seams, further components, noise and large meshes. Vertices keep their indices unless
     seams are joined or the mesh is simplified; `vertex_map` then maps them. Only smoothing and simplification move
-    vertices; joined copies take the place of the first. `notes` are sentences of the reader for the report.
+    vertices, except that joined copies of a vertex take the coordinates of the first copy. `notes` are the reader's
+    sentences for the report.
 
     Raises
     ------
@@ -55,16 +56,17 @@ def repair(
     surface = _smoothed(surface, policy.smooth)
     if policy.max_vertices is None or len(surface.used_vertices) <= policy.max_vertices:
         return _bridged(surface) if policy.components == "bridge" else surface
-    return _bridged(_simplified(surface, policy.max_vertices))  # collapses may separate parts that a vertex connected
+    # Links come last, because simplification may separate parts that only a vertex connects.
+    return _bridged(_simplified(surface, policy.max_vertices))
 
 
 def _stitched(surface: Surface, policy: MeshPolicy) -> Surface:
-    """Join seams if the policy says so, and count the vertices that still coincide with another."""
+    """Join seams if the policy says so, and count the vertices that still coincide with another vertex."""
     places = equal_points(surface.vertices).astype(np.int32)
     result = stitched(surface, places) if policy.seams == "stitch" else surface
     if result.vertex_map is not None:
         first = np.empty(len(result.vertices), np.int64)
-        # for repeated indices the last value wins: that of the lowest copy
+        # The last assignment to an index wins, which is that of the lowest copy.
         first[result.vertex_map[::-1]] = np.arange(len(places))[::-1]
         places = places[first]
     taken = np.zeros(len(surface.vertices), bool)
@@ -91,12 +93,12 @@ def _choose_component(surface: Surface, policy: MeshPolicy) -> Surface:
 
 
 def _loss(count: int, share: float, policy: MeshPolicy) -> str:
-    advice = 'the reading policy components="bridge" links all of them'
+    advice = 'the policy components="bridge" connects all of them'
     if policy.seams == "keep":
-        advice = f'seams="stitch" joins those that only a seam parts, and {advice}'
+        advice = f'seams="stitch" joins components that only a seam separates, and {advice}'
     return (
-        f"only {share:.1%} of the area was kept, the largest of {count:,} components, so that the answer may be that "
-        f"of a part: {advice}"
+        f"only {share:.1%} of the area was kept, the largest of {count:,} components, so results may describe only a "
+        f"part of the shape: {advice}"
     )
 
 
@@ -105,12 +107,12 @@ def _smoothed(surface: Surface, rounds: int) -> Surface:
     rough = roughness(surface)
     report = surface.report.adding(roughness=rough)
     if rounds == 0:
-        note = "the surface is rough, as noise makes it: the policy `smooth` evens noise out"
+        note = "the surface is rough, perhaps from noise: the policy `smooth` reduces noise"
         return surface.with_report(report.adding(note if rough > ROUGH else None))
     smoothed = replace(surface, vertices=smoothed_vertices(surface, rounds))
     change, given = smoothed.area / surface.area - 1, counted_noun(rounds, "round", "rounds")
     if not smoothed.area > DEGENERATE_HEIGHT * surface.area:
-        raise MeshGeometryError(f"after {given} of smoothing no area is left: the mesh has too few vertices for it")
+        raise MeshGeometryError(f"after {given} of smoothing no area is left: the mesh has too few vertices")
     note = f"smoothed in {given}: the area changed by {change:+.2%}"
     return smoothed.with_report(report.adding(note, smoothing_rounds=rounds, area_change=change))
 
@@ -124,14 +126,14 @@ def _simplified(surface: Surface, most: int) -> Surface:
         f"the result than {simple.deviation:.3g}, {relative:.2%} of the square root of the area"
     )
     if lost:
-        note += f"; {counted_noun(lost, 'vertex has', 'vertices have')} no counterpart: their component vanished"
+        note += f"; {counted_noun(lost, 'vertex has', 'vertices have')} no counterpart: their component was removed"
     report = surface.report.adding(
         note, simplified_vertices=len(simple.vertices), deviation=simple.deviation, relative_deviation=relative
     )
     where = simple.vertex_map if surface.vertex_map is None else through(surface.vertex_map, simple.vertex_map)
     result = Surface(simple.vertices, simple.faces, report, where)
     if not result.area > 0:
-        raise MeshGeometryError(f"simplified to {most:,} vertices, every face has zero area")
+        raise MeshGeometryError(f"every face has zero area after simplification to {most:,} vertices")
     return result
 
 

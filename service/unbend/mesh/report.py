@@ -10,8 +10,8 @@ from typing import Any, Final
 class MeshReport:
     """Counts of defects before repair, and in `notes` one sentence for each finding and repair.
 
-    Faces and invalid faces are counted in the given mesh. Edges, loops, fans and orientation are counted for the kept
-    faces with joined seams, before smoothing, links and simplification.
+    Vertices, faces and invalid faces are counted in the given mesh. Edges, loops, fans and orientations are counted in
+    the kept faces after seams are joined, before smoothing, links and simplification.
     """
 
     file_type: str = ""
@@ -23,7 +23,7 @@ class MeshReport:
     degenerate_faces: int = 0
     """Faces that repeat a vertex; dropped."""
     duplicate_faces: int = 0
-    """Faces with the corners of an earlier one, in any order; dropped."""
+    """Faces with the corners of an earlier face, in any order; dropped."""
     isolated_vertices: int = 0
     notes: tuple[str, ...] = ()
     nonfinite_vertices: int = 0
@@ -31,15 +31,15 @@ class MeshReport:
     nonfinite_faces: int = 0
     """Faces that use such a vertex; dropped."""
     zero_area_faces: int = 0
-    """Faces of three different vertices on a line; kept, because they may connect others."""
+    """Faces of three different vertices on a line; kept, because they may connect other faces."""
     coincident_vertices: int = 0
-    """Used vertices with the coordinates of a used vertex of lower index, after stitching; kept apart."""
+    """Used vertices with the coordinates of a used vertex of lower index, after stitching; not joined."""
     boundary_loops: int = 0
-    """Rings of boundary edges, around holes or the whole surface."""
+    """Loops of boundary edges, around holes or the whole surface."""
     nonmanifold_vertices: int = 0
     """Vertices where several fans of faces meet."""
     misoriented_edges: int = 0
-    """Edges whose two faces have different orientations; distances do not depend on them."""
+    """Edges whose two faces have different orientations; distances do not depend on orientations."""
     links: int = 0
     """Faces added to link components."""
     longest_link: float = 0.0
@@ -47,8 +47,7 @@ class MeshReport:
     link_area: float = 0.0
     """Area that links add, in squared units of the mesh."""
     roughness: float = 0.0
-    """Rough estimate of the share of noise in the area before smoothing: the share of bending against the surrounding
-    bending, times the share of the area that a round of smoothing removes."""
+    """Rough estimate of the share of noise in the area before smoothing (see `unbend.mesh.roughness`)."""
     smoothing_rounds: int = 0
     area_change: float | None = None
     """Relative change of the area by smoothing, -0.1 for a tenth less; None without smoothing."""
@@ -65,7 +64,7 @@ class MeshReport:
     area_kept: float = 1.0
     """Share of the area in the kept component; 1 if all components were kept."""
     warnings: tuple[str, ...] = ()
-    """Reasons why the surface may differ from what the owner of the file means, and what to do."""
+    """Reasons why the surface may differ from the intended shape, and what to do."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON values."""
@@ -99,11 +98,11 @@ _SENTENCES: Final = (
     ("degenerate_faces", "face", "faces", " with a repeated vertex: dropped"),
     ("duplicate_faces", "duplicate face", "duplicate faces", ": dropped"),
     ("zero_area_faces", "face", "faces", " of zero area: kept"),
-    ("isolated_vertices", "vertex", "vertices", " in no face: distances to there are infinite"),
-    ("coincident_vertices", "vertex", "vertices", " at the place of another: not joined"),
-    ("seams", "pair", "pairs", " of boundary edges at one place: joined"),
+    ("isolated_vertices", "vertex", "vertices", " in no face: distances to them are infinite"),
+    ("coincident_vertices", "vertex", "vertices", " with the coordinates of another: not joined"),
+    ("seams", "pair", "pairs", " of coincident boundary edges: joined"),
     ("boundary_edges", "boundary edge", "boundary edges", ": the surface is open"),
-    ("boundary_loops", "ring", "rings", " of boundary edges: holes or outer rims"),
+    ("boundary_loops", "boundary loop", "boundary loops", ": holes or outer boundaries"),
     ("nonmanifold_edges", "edge", "edges", " with three faces or more"),
     ("nonmanifold_vertices", "vertex", "vertices", " where separate fans of faces meet"),
     ("misoriented_edges", "edge", "edges", " between faces of opposite orientation"),

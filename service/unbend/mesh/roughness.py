@@ -15,19 +15,19 @@ from unbend.mesh.surface import Surface
 ROUGH: Final = 0.02
 """Roughness above which a surface counts as rough.
 
-Chosen on the meshes of the table that benchmarks/retrieval/robustness.py prints: twice the roughness of the roughest
-clean mesh, and less than that of any mesh of 20 vertices or more with noise of 0.3 edges. The analytic shapes of the
-tests agree, and were not used for the choice.
+It was chosen on the meshes in the table that benchmarks/retrieval/robustness.py prints: twice the roughness of the
+roughest clean mesh, and less than that of any mesh of at least 20 vertices with noise of 0.3 edges. The analytic shapes
+of the tests agree with it, and were not used for the choice.
 """
 
 
 def roughness(surface: Surface) -> float:
     """Return a rough estimate of the share of noise in the area of `surface`, 0 to 1.
 
-    Noise has two marks. First, the surface bends at a vertex against the surrounding bending: half of all bending does
-    so in noise of any strength, and hardly any on a shape with fine enough triangles. Second, noise has area, which a
-    round of smoothing removes; but smoothing also rounds edges. The result is the product of both shares, so it is
-    small for a shape of few triangles and for weak noise. Boundaries are not counted.
+    Noise has two properties. First, the surface bends at many vertices in the direction opposite to its neighbourhood.
+    Half of all bending does so in noise of any strength, but hardly any on a shape with fine enough triangles. Second,
+    noise has area, which a round of smoothing removes; but smoothing also rounds edges. The result is the product of
+    both shares, so it is small for a shape of few triangles and for weak noise. Boundaries are ignored.
     """
     points, faces, neighbours = _placed(surface), surface.faces, _neighbour_counts(surface)
     towards = _towards_means(points, faces, neighbours)
@@ -43,7 +43,7 @@ def roughness(surface: Surface) -> float:
     return against * max(0.0, 1.0 - left)
 
 
-# Below, vertex data have one row for each axis: kernels over rows of three took several times as long.
+# Below, arrays of vertices have one row for each axis, because kernels took several times as long with rows of three.
 
 
 def _placed(surface: Surface) -> Floats:
@@ -58,7 +58,7 @@ def _placed(surface: Surface) -> Floats:
 
 
 def _neighbour_counts(surface: Surface) -> Indices:
-    """Return twice the number of neighbours, each in two faces, (n,); 0 at boundaries."""
+    """Return twice the number of neighbours, because each is counted in two faces, (n,); 0 at boundaries."""
     counts = 2 * np.bincount(surface.faces.ravel(), minlength=len(surface.vertices))
     counts[boundary_edges(surface)] = 0
     return counts
@@ -103,7 +103,7 @@ def _add_normals(points: Floats, faces: Ints, normals: Floats) -> None:
         ux, uy, uz = points[0, b] - points[0, a], points[1, b] - points[1, a], points[2, b] - points[2, a]
         vx, vy, vz = points[0, c] - points[0, a], points[1, c] - points[1, a], points[2, c] - points[2, a]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        # a loop over the corners takes five times as long
+        # A loop over the corners takes five times as long.
         normals[0, a] += x
         normals[1, a] += y
         normals[2, a] += z

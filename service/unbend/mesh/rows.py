@@ -23,14 +23,14 @@ def equal_points(points: Floats) -> Indices:
 
 
 def equal_faces(faces: Ints, vertex_count: int) -> Indices:
-    """Return for each of `faces` (m, 3) the first one with the same corners in any order, (m,)."""
+    """Return for each of `faces` (m, 3) the first face with the same corners in any order, (m,)."""
     of_vertex = _mix(np.arange(vertex_count, dtype=np.uint64))
-    hashes = of_vertex[faces[:, 0]] + of_vertex[faces[:, 1]] + of_vertex[faces[:, 2]]  # a sum has no order
+    hashes = of_vertex[faces[:, 0]] + of_vertex[faces[:, 1]] + of_vertex[faces[:, 2]]  # independent of the order
     return _first_equal(hashes, lambda rows: np.sort(faces[rows], axis=1))
 
 
 def _first_equal(hashes: _Hashes, rows: Callable[[Indices], NDArray[Any]]) -> Indices:
-    """Return the first equal row of each; `rows` returns rows, which are compared only if hashes are equal."""
+    """Return for each row the first equal row. `rows` returns the rows of some indices, to compare equal hashes."""
     first = np.arange(len(hashes))
     ordered = np.sort(hashes)
     if not (ordered[1:] == ordered[:-1]).any():
@@ -40,8 +40,8 @@ def _first_equal(hashes: _Hashes, rows: Callable[[Indices], NDArray[Any]]) -> In
     order = order[np.append(repeats, False) | np.insert(repeats, 0, False)]
     values = rows(order)
     changes = (values[1:] != values[:-1]).any(axis=1)
-    if (changes & (hashes[order[1:]] == hashes[order[:-1]])).any():  # different rows with one hash: sort by the rowss
-        by_value = np.lexsort(values.T)
+    if (changes & (hashes[order[1:]] == hashes[order[:-1]])).any():
+        by_value = np.lexsort(values.T)  # different rows have equal hashes, so sort by the rows themselves
         order, values = order[by_value], values[by_value]
         changes = (values[1:] != values[:-1]).any(axis=1)
     starts = np.flatnonzero(np.insert(changes, 0, True))

@@ -20,17 +20,17 @@ from unbend.mesh.surface import Surface
 
 _ROUNDS: Final = 10
 _NUDGE: Final = 1e-9  # share of the extent: far below any deviation, far above rounding
-_LOCK: Final = threading.Lock()  # the library keeps its mesh in global variables
+_LOCK: Final = threading.Lock()  # fast_simplification stores its mesh in global variables
 
 
 @dataclass(frozen=True, eq=False)
 class Simplified:
-    """A simplified surface, all of whose vertices are used, and its relation to the original."""
+    """A simplified surface without unused vertices, and its relation to the original surface."""
 
     vertices: Floats  # (k, 3)
     faces: Ints  # (f, 3)
     vertex_map: Indices
-    """For each original vertex its new vertex, -1 for none, (n,)."""
+    """The new vertex of each original vertex, -1 for none, (n,)."""
     deviation: float
     """Largest distance of an original vertex from the new surface."""
 
@@ -38,16 +38,16 @@ class Simplified:
 def simplify(surface: Surface, most: int) -> Simplified:
     """Collapse the edges of `surface` that change it least, until at most `most` vertices are left.
 
-    Quadric error metrics (Garland & Heckbert 1997) by fast-simplification. Collapses may separate parts that only a
-    vertex connects.
+    The package fast-simplification chooses edges by quadric error metrics (Garland & Heckbert 1997). Collapses may
+    separate parts that only a vertex connects.
 
     Raises
     ------
     MeshGeometryError
         If the surface cannot be simplified that far.
     """
-    # The library wants neighbours near in memory (several times faster than a shuffled mesh), and a surface of the
-    # size its thresholds were made for, at the origin.
+    # The library is several times as fast if neighbours are near in memory. Its thresholds assume a surface of extent
+    # about 1 at the origin.
     used = surface.used_vertices[morton_order(surface.vertices[surface.used_vertices])]
     place = np.full(len(surface.vertices), -1)
     place[used] = np.arange(len(used))
@@ -63,7 +63,7 @@ def simplify(surface: Surface, most: int) -> Simplified:
 
 
 def _collapse_to(most: int, vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Indices]:
-    """Collapse in rounds, because the library counts faces, not vertices; each round continues the last one."""
+    """Collapse in rounds, because the library takes a target number of faces, not of vertices."""
     into = np.arange(len(vertices))
     before = len(vertices) + 1
     for _ in range(_ROUNDS):
@@ -83,31 +83,31 @@ def _collapse_to(most: int, vertices: Floats, faces: Ints) -> tuple[Floats, Ints
 
 def _collapse(vertices: Floats, faces: Ints, target: int) -> tuple[Floats, Ints, Indices]:
     """Collapse edges until `target` faces are left; return the mesh and the new vertex of each vertex."""
-    library = import_module("fast_simplification")  # imported here, because it costs time and memory
+    library = import_module("fast_simplification")  # imported only when needed, because it costs time and memory
     vertices = _nudged(vertices, faces)
     with _LOCK:
         left, _, collapses = library.simplify(vertices, faces, target_count=target, return_collapses=True)
-    heir = np.arange(len(vertices))
-    heir[collapses[:, 1]] = collapses[:, 0]
-    while (heir != heir[heir]).any():
-        heir = heir[heir]
-    images, _ = drop_repeats(heir[faces], len(vertices), MeshReport())
+    onto = np.arange(len(vertices))
+    onto[collapses[:, 1]] = collapses[:, 0]
+    while (onto != onto[onto]).any():
+        onto = onto[onto]
+    images, _ = drop_repeats(onto[faces], len(vertices), MeshReport())
     survivors = np.unique(images)  # the library returns them in this order
     place = np.full(len(vertices), -1)
     place[survivors] = np.arange(len(survivors))
-    return left, place[images].astype(np.int32), _adopted(place[heir], faces)
+    return left, place[images].astype(np.int32), _with_lost_vertices(place[onto], faces)
 
 
 def _nudged(vertices: Floats, faces: Ints) -> Floats:
-    """Give faces without an area any plane: the library computes one for each face, and skips NaN."""
+    """Move the corners of faces of zero area at random, because the library needs the plane of each face."""
     flat = np.unique(faces[triangle_areas(vertices, faces, 1.0) == 0])
     vertices = vertices.copy()
     vertices[flat] += np.random.default_rng(0).normal(0.0, _NUDGE, (len(flat), 3))
     return vertices
 
 
-def _adopted(place: Indices, faces: Ints) -> Indices:
-    """Map vertices whose faces all collapsed to the vertex of the nearest neighbour that has one."""
+def _with_lost_vertices(place: Indices, faces: Ints) -> Indices:
+    """Map each vertex whose faces all collapsed to the new vertex of a neighbour, ring by ring."""
     while True:
         corners = place[faces]
         lost = corners < 0
@@ -119,7 +119,7 @@ def _adopted(place: Indices, faces: Ints) -> Indices:
 
 
 def _restored(vertices: Floats, points: Floats, into: Indices) -> Floats:
-    """Restore the exact coordinates of vertices that were not merged, and so did not move."""
+    """Restore the exact coordinates of vertices that were not merged and therefore did not move."""
     has = np.flatnonzero(into >= 0)
     alone = has[np.bincount(into[has], minlength=len(vertices))[into[has]] == 1]
     vertices[into[alone]] = points[alone]
@@ -127,5 +127,5 @@ def _restored(vertices: Floats, points: Floats, into: Indices) -> Floats:
 
 
 def through(first: Indices, second: Indices) -> Indices:
-    """Compose two maps; -1 in the first stays -1."""
+    """Compose two vertex maps; -1 in the first map stays -1."""
     return np.where(first >= 0, second[first], -1)

@@ -18,9 +18,10 @@ SWELL: Final = -0.53
 def smoothed_vertices(surface: Surface, rounds: int) -> Floats:
     """Return the vertices of `surface` after rounds of smoothing, (n, 3), in units of the vertices.
 
-    In a round every vertex moves half of the way to the mean of its neighbours, then 53 % of that way back. This
-    removes noise and keeps the size, because features much larger than the triangles pass. Boundary vertices have only
-    boundary vertices as neighbours, so that an outline is smoothed along itself. Vertices without a face do not move.
+    In each round every vertex first moves towards the mean of its neighbours, by half of the difference, and then away
+    from their new mean, by 53 % of the difference. This removes noise and keeps the size, because features much larger
+    than the triangles stay. Boundary vertices count only boundary vertices as neighbours, so that an outline is
+    smoothed along itself. Vertices without a face do not move.
 
     G. Taubin, "A signal processing approach to fair surface design", SIGGRAPH 1995.
     """
@@ -29,7 +30,7 @@ def smoothed_vertices(surface: Surface, rounds: int) -> Floats:
     identity = eye_array(len(used), format="csr")
     steps = [(1 - share) * identity + share * means for share in (SHRINK, SWELL)]
     vertices = surface.vertices.copy()
-    middle = vertices[used[0]]  # near the origin, because rounding could otherwise exceed the steps
+    middle = vertices[used[0]]  # moves the surface near the origin, so that rounding errors are smaller than the steps
     points = vertices[used] - middle
     for _ in range(rounds):
         for step in steps:

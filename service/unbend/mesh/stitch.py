@@ -1,4 +1,4 @@
-"""Stitching of seams, where a file has an edge twice, between copies of its vertices."""
+"""Stitching of seams. At a seam a file has an edge twice, between copies of its vertices."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from unbend.mesh.surface import Surface
 from unbend.mesh.topology import find_edges
 from unbend.tolerances import SEAM_EDGES, SEAM_GAP
 
-_GENTLE_TURNS: Final = 16  # rounds that take back as few joins as they can; later ones take back all at a spoilt edge
+_CAREFUL_ROUNDS: Final = 16  # rounds that undo few joins at each invalid edge; later rounds undo all joins there
 
 
 @dataclass(frozen=True, eq=False)
 class _Seams:
-    """Joins, and for each vertex the lowest vertex joined with it, (n,) int32."""
+    """Joins, and for each vertex the lowest vertex that is joined with it, (n,) int32."""
 
     joins: Joins
     into: Ints
 
 
 @dataclass(frozen=True, eq=False)
-class _Spoilt:
-    """Half-edges of invalid edges, as vertices (k, 2), and the ascending number of each edge, (k,)."""
+class _InvalidEdges:
+    """The half-edges of invalid edges: their ends, (k, 2), and the ascending number of the edge of each, (k,)."""
 
     ends: Ints
     edge: Indices
@@ -39,13 +39,14 @@ class _Spoilt:
 def stitched(surface: Surface, places: Ints) -> Surface:
     """Join boundary edges of `surface` whose ends coincide, in pairs, and so the copies of their vertices.
 
-    `places` has for each vertex the first one with the same coordinates, (n,) int32. Edges of opposite directions are
-    joined: first those with equal ends, then those whose ends differ in the last digits, and last edges of faces with
-    different orientations. No join makes an edge of more than two faces, except in a soup, whose faces share no edge,
-    because a soup does not tell which faces belong together. Vertices that touch without a joined edge stay separate.
+    `places` has for each vertex the first vertex with the same coordinates, (n,) int32. First, edges of opposite
+    directions with equal ends are joined, then edges of opposite directions whose ends differ in the last digits, and
+    last, edges of faces with different orientations. A join never makes an edge of more than two faces, except in a
+    soup. The faces of a soup share no edge, so nothing shows which of them belong together. Vertices that touch without
+    a joined edge stay separate.
 
-    The result keeps the lowest copy of each vertex, in the same order. `vertex_map` maps each vertex to its copy; it is
-    None if nothing was joined.
+    The result keeps the lowest copy of each vertex, in the same order. `vertex_map` maps each vertex to that copy. It
+    is None if nothing was joined.
     """
     if surface.edges.boundary == 0:
         return surface
@@ -55,19 +56,19 @@ def stitched(surface: Surface, places: Ints) -> Surface:
     seams = _joining(nothing, surface, places, soup)
     near = _near_places(surface, _left(surface, seams), places)
     if near is not places:
-        if soup:  # more of its faces may repeat each other now: begin again without them
+        if soup:  # with the new places, more faces may repeat each other: start again without them
             surface, seams = _without_loose_repeats(surface, near, soup), nothing
         seams = _joining(seams, surface, near, soup)
     if not soup:
         seams = _joining(seams, surface, near, soup, misoriented=True)
-    into = _adopted(seams.into, whole, surface, near)
+    into = _with_dropped_corners(seams.into, whole, surface, near)
     gap = SEAM_GAP * surface.extent if (places[into] != places).any() else None
     report = surface.report.adding(seams=len(seams.joins), seam_tolerance=gap)
     return _compact(surface.with_report(report), into)
 
 
 def _without_loose_repeats(surface: Surface, places: Ints, soup: bool) -> Surface:
-    """Drop faces with a repeated place and no shared edge; in a soup also faces at the places of another."""
+    """Drop faces that share no edge and repeat a place; in a soup, also faces at the places of an earlier face."""
     loose = np.flatnonzero(_loose(surface))
     twice, again = find_repeats(places[surface.faces[loose]], len(places))
     dropped = twice | again if soup else twice
@@ -90,50 +91,50 @@ def _loose(surface: Surface) -> Bools:
 
 
 def _left(surface: Surface, seams: _Seams) -> Rims:
-    """Return the boundary half-edges without a join."""
+    """Return the boundary half-edges that are not joined."""
     return Rims.of(surface).without(seams.joins)
 
 
 def _joining(seams: _Seams, surface: Surface, places: Ints, soup: bool, *, misoriented: bool = False) -> _Seams:
-    """Return `seams` with the further joins that `places` allow."""
+    """Return `seams` with all further joins that `places` allow and that leave no edge invalid."""
     new = joins_between(surface, _left(surface, seams), places, soup=soup, misoriented=misoriented)
-    gentle_turns = _GENTLE_TURNS
+    careful_rounds = _CAREFUL_ROUNDS
     while len(new):
-        joins, into = seams.joins.and_(new), np.arange(len(places), dtype=np.int32)
+        joins, into = seams.joins.followed_by(new), np.arange(len(places), dtype=np.int32)
         _unite(joins.ends, into)
-        spoilt = None if soup else _spoilt_edges(surface.faces, into)
-        if spoilt is None or len(spoilt.ends) == 0:
+        invalid = None if soup else _invalid_edges(surface.faces, into)
+        if invalid is None or len(invalid.ends) == 0:
             return _Seams(joins, into)
-        new = new.where(~_concerned(new, spoilt, into, gently=gentle_turns > 0))
-        gentle_turns -= 1
+        new = new.where(~_joins_to_undo(new, invalid, into, careful=careful_rounds > 0))
+        careful_rounds -= 1
     return seams
 
 
-def _concerned(joins: Joins, spoilt: _Spoilt, into: Ints, gently: bool) -> Bools:
+def _joins_to_undo(joins: Joins, invalid: _InvalidEdges, into: Ints, careful: bool) -> Bools:
     """Return a mask of the `joins` to undo, (k,).
 
-    If `gently`, these are the joins at the end of each invalid edge with the fewest; otherwise the joins at all its
-    ends. If no end has a join, they are the joins at the other copies of its ends.
+    If `careful`, undo at each invalid edge only the joins at the end with the fewest joins, otherwise the joins at all
+    ends. If no end of an invalid edge has a join, undo the joins at the other copies of the ends.
     """
     ends, marked = joins.ends.reshape(-1, 4), np.zeros(len(into), bool)
-    if gently:
+    if careful:
         has = np.bincount(ends.ravel(), minlength=len(into))
-        candidates, edge = spoilt.ends.ravel(), np.repeat(spoilt.edge, 2)
+        candidates, edge = invalid.ends.ravel(), np.repeat(invalid.edge, 2)
         candidates, edge = candidates[has[candidates] > 0], edge[has[candidates] > 0]
         order = np.lexsort((candidates, has[candidates], edge))
         first = np.diff(edge[order], prepend=-1) > 0
         marked[candidates[order[first]]] = True
     else:
-        marked[spoilt.ends] = True
+        marked[invalid.ends] = True
     touching: Bools = np.logical_or.reduce(marked[ends], axis=1)
     if not touching.any():
-        marked[into[spoilt.ends]] = True
+        marked[into[invalid.ends]] = True
         touching = np.logical_or.reduce(marked[into[ends]], axis=1)
     return touching
 
 
-def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
-    """Return the edges that `into` contracts to a point, or gives more than two faces."""
+def _invalid_edges(faces: Ints, into: Ints) -> _InvalidEdges:
+    """Return the edges that `into` contracts to a point, or to which it gives more than two faces."""
     merged = into[faces]
     edges = find_edges(merged, len(into))
     suspect = edges.order[np.repeat(edges.counts > 2, edges.counts)]
@@ -148,7 +149,7 @@ def _spoilt_edges(faces: Ints, into: Ints) -> _Spoilt:
     several = np.minimum.reduceat(old, starts) != np.maximum.reduceat(old, starts) if len(starts) else starts > 0
     vanished = into[ends[:, 0]] == into[ends[:, 1]]
     chosen = np.repeat(several & (counts > 2), counts) | vanished
-    return _Spoilt(ends[chosen], np.repeat(np.arange(len(starts)), counts)[chosen])
+    return _InvalidEdges(ends[chosen], np.repeat(np.arange(len(starts)), counts)[chosen])
 
 
 def _edge_keys(ends: Ints, count: int) -> Indices:
@@ -157,7 +158,7 @@ def _edge_keys(ends: Ints, count: int) -> Indices:
 
 
 def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
-    """Return `places` with the places of the rims merged that lie within the tolerance of each other."""
+    """Return `places` after merging places on the rims that are within the tolerance of each other."""
     tolerance = SEAM_GAP * surface.extent
     on_rims = np.zeros(len(places), bool)
     on_rims[places[rims.tail]] = on_rims[places[rims.head]] = True
@@ -166,7 +167,8 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     if len(ends) < 2:
         return places
     points = (surface.vertices[ends] - surface.vertices[ends].min(axis=0)) / tolerance
-    # All points of a cell are near each other. Only the first searches for pairs, so that dense cells create few.
+    # All points in a cell are near each other. Only the first point of a cell searches for pairs, so that dense cells
+    # create few pairs.
     cells = np.floor(points * 3**0.5).astype(np.int64) @ (1 << np.array([0, 21, 42]))
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     pairs = first[cKDTree(points[first]).query_pairs(1.0, output_type="ndarray")]
@@ -175,7 +177,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
     into = np.arange(len(places), dtype=np.int32)
     within = np.stack([np.arange(len(ends)), first[cell]], axis=1)
     _unite(ends[np.concatenate([within, pairs])][:, None], into)
-    # Dense cells may form chains: a point farther than half the tolerance from the first of its chain stays alone.
+    # Cells may form long chains. A point farther than half the tolerance from the first of its chain stays separate.
     apart = (surface.vertices[ends] - surface.vertices[into[ends]]) / tolerance
     alone = ends[(apart**2).sum(axis=1) > 0.25]
     into[alone] = alone
@@ -200,16 +202,16 @@ def _shortest_edges(surface: Surface, ends: Indices, places: Ints) -> Floats:
     return chosen
 
 
-def _adopted(into: Ints, whole: Surface, surface: Surface, places: Ints) -> Ints:
-    """Return `into` with the corners of dropped faces mapped to a vertex at their place, if there is one."""
+def _with_dropped_corners(into: Ints, whole: Surface, surface: Surface, places: Ints) -> Ints:
+    """Return `into` after mapping the corners of dropped faces to a used vertex at the same place, if there is one."""
     lost = np.setdiff1d(whole.used_vertices, surface.used_vertices, assume_unique=True)
     if len(lost) == 0:
         return into
     at_place = np.full(len(places), -1, np.int32)
-    used = surface.used_vertices[::-1]  # the last value wins: the lowest vertex
+    used = surface.used_vertices[::-1]  # the last assignment wins, which is the lowest vertex
     at_place[places[used]] = used
-    heirs, into = at_place[places[lost]], into.copy()
-    _unite(np.stack([lost, heirs], axis=1).astype(np.int32)[heirs >= 0][:, None], into)
+    found, into = at_place[places[lost]], into.copy()
+    _unite(np.stack([lost, found], axis=1).astype(np.int32)[found >= 0][:, None], into)
     return into
 
 
@@ -223,7 +225,7 @@ def _compact(surface: Surface, into: Ints) -> Surface:
 
 @kernel
 def _unite(ends: Ints, into: Ints) -> None:
-    """Join the pairs of vertices `ends` (k, e, 2); `into` (n,) then has the lowest vertex of each set."""
+    """Join the pairs of vertices `ends` (k, e, 2), so that `into` (n,) has the lowest vertex of each set."""
     for i in range(len(ends)):
         for end in range(ends.shape[1]):
             join(into, ends[i, end, 0], ends[i, end, 1])

@@ -35,8 +35,8 @@ class Surface:
     report : MeshReport
         Findings and repairs of reading; empty for a surface made in memory.
     vertex_map : (k,) int64, optional
-        For each of the k vertices of the file its vertex, -1 for none. None if no seam was joined and the mesh was not
-        simplified: then the vertices are those of the file.
+        The surface's vertex for each of the k vertices of the file, -1 for none. None if the vertices are those of the
+        file, because no seam was joined and the mesh was not simplified.
 
     Raises
     ------
@@ -61,12 +61,12 @@ class Surface:
 
     @cached_property
     def edges(self) -> Edges:
-        """The edges, and the faces at each."""
+        """The edges and the half-edges of each."""
         return find_edges(self.faces, len(self.vertices))
 
     @cached_property
     def extent(self) -> float:
-        """Longest side of the box around all faces, in units of the vertices."""
+        """Longest side of the bounding box of all faces, in units of the vertices."""
         every = len(self.used_vertices) == len(self.vertices)
         corners = self.vertices if every else self.vertices[self.used_vertices]
         with np.errstate(over="ignore"):
@@ -74,7 +74,7 @@ class Surface:
 
     @property
     def scale(self) -> float:
-        """Power of two above `extent`, or 1: division by it keeps squares in range without rounding."""
+        """Power of two above `extent`, 1 for an extent of 0. Division by it keeps squares in range without rounding."""
         return float(np.ldexp(1.0, np.frexp(self.extent)[1]))
 
     @cached_property
@@ -84,7 +84,7 @@ class Surface:
 
     @cached_property
     def used_vertices(self) -> Indices:
-        """Vertices of faces, in ascending order."""
+        """Vertices that faces use, in ascending order."""
         used = np.zeros(len(self.vertices), bool)
         used[self.faces] = True
         return frozen(np.flatnonzero(used), np.int64)
@@ -132,7 +132,7 @@ def check_mesh(vertices: Floats, faces: Ints) -> None:
     if len(faces) == 0:
         raise MeshGeometryError("the mesh has no faces")
     if faces.dtype.kind not in "iu" and not (faces.dtype.kind == "f" and (np.floor(faces) == faces).all()):
-        raise MeshGeometryError("faces must hold the indices of vertices, which are whole numbers")
+        raise MeshGeometryError("faces must be indices of vertices, which are whole numbers")
     if faces.min() < 0 or faces.max() >= len(vertices):
         row = int(np.flatnonzero((faces < 0).any(1) | (faces >= len(vertices)).any(1))[0])
         raise MeshGeometryError(

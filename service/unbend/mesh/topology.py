@@ -14,8 +14,8 @@ from unbend.jit import inlined, kernel
 class Edges:
     """The undirected edges of a triangle list, found by sorting its half-edges once.
 
-    Half-edge `3 f + i` is opposite corner `i` of face `f`. `order` sorts half-edges by edge; `starts` has the start of
-    each edge in that order, and `counts` its number of faces.
+    Half-edge `3 f + i` is opposite corner `i` of face `f`. `order` lists the half-edges edge by edge; `starts` has the
+    place in `order` where each edge begins, and `counts` has the edge's number of faces.
     """
 
     order: Ints  # (3 m,) int32
@@ -33,7 +33,7 @@ class Edges:
         return int((self.counts > 2).sum())
 
     def twins(self) -> Ints:
-        """For each half-edge the cyclically next one of its edge, or -1 on the boundary, (3 m,) int32."""
+        """Return for each half-edge the next one of the same edge, cyclically, or -1 on the boundary, (3 m,) int32."""
         twins: Ints = _twins(self.order, self.starts, self.counts)
         return twins
 
@@ -55,7 +55,7 @@ def _end(a, b, larger):
 
 @kernel
 def _sort_by_end(faces, vertex_count, larger, before, after):
-    """Sort half-edges by their larger or smaller vertex, keeping the order of equal ones: a counting sort."""
+    """Sort half-edges by their larger or smaller vertex with a stable counting sort."""
     places = np.zeros(vertex_count + 1, np.int32)
     for half_edge in range(len(before)):
         face, corner = half_edge // 3, half_edge % 3

@@ -1,4 +1,4 @@
-"""Writing of triangles as files."""
+"""Writing of mesh files."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from unbend.mesh.formats.registry import REGISTRY
 
 ALL_FORMATS: Final = (*WRITTEN, "json", "npz")
 TEXTURE_FORMATS: Final = ("obj", "glb", "json", "npz")
-"""Formats with texture coordinates."""
+"""Formats that support texture coordinates."""
 
 
 def check_format(file_type: str, formats: tuple[str, ...] = ALL_FORMATS) -> str:
-    """Return `file_type` if it is one of `formats`; otherwise ParameterError lists them."""
+    """Return `file_type` if it is one of `formats`, otherwise raise ParameterError, which lists them."""
     check_choice("format", file_type, formats)
     return file_type
 
@@ -37,14 +37,15 @@ def write_mesh(
     Parameters
     ----------
     vertices : (n, 3) float64
-        Coordinates that are not finite, which only vertices without a face may have, become zero in all formats except
-        npz; so do those of `uv`.
+        Only vertices without a face may have coordinates that are not finite. In all formats except npz, these
+        coordinates become zero, and so do texture coordinates that are not finite.
     faces : (m, 3) int32
     file_type : str
         "ply", "obj", "off", "glb", "json" (members `vertices` and `faces`) or "npz" (arrays of the same names). ply and
         glb have single precision, the others all digits.
     colours : (n, 3) float64, optional
-        Red, green and blue of each vertex, from 0 to 1, with 8 bits; four digits in obj, all in json and npz.
+        Red, green and blue of each vertex, from 0 to 1. Files have 8 bits per colour, obj files four digits, json and
+        npz full precision.
     uv : (n, 2) float64, optional
         Texture coordinates of each vertex, for "obj", "glb", "json" and "npz". glb keeps them instead of colours if
         both are given.

@@ -1,1 +1,1 @@
-"""The bending-invariant signature of a surface: parameters, pipeline, canonical form, export."""
+"""The bending-invariant signature of a surface: parameters, computation, canonical form, export."""

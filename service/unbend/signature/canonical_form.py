@@ -1,4 +1,4 @@
-"""The canonical form of a whole surface: the signature at full resolution."""
+"""The canonical form of a surface: canonical coordinates for every vertex, not only for samples."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
 
 LANDMARKS: Final = 100
-"""Number of samples from which distances to every vertex are computed; more do not lower the form's stress."""
+"""Number of samples from which distances to every vertex are computed. More do not lower the stress of the form."""
 
 _ROWS_BYTES: Final = 2**28
-"""Memory for those distances; surfaces of more than 670,000 vertices get fewer landmarks."""
+"""Memory for these distances. Surfaces of more than 670,000 vertices get fewer landmarks."""
 
-_FEWEST: Final = 2  # landmarks per dimension, and two more
+_FEWEST: Final = 2  # least landmarks: this number times (dimensions + 1)
 
 _BATCH: Final = 16  # rows computed at a time, in double precision
 
-_REACH: Final = 2.0  # in radii of the sampling, so that several samples are within reach of every vertex
+_REACH: Final = 2.0  # radius of interpolation in radii of the sampling, so that every vertex has several samples in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +39,8 @@ class CanonicalForm:
     """A surface with canonical coordinates for every vertex."""
 
     points: Floats
-    """Canonical coordinates of all vertices, (n, m), in the signature's pose and unit: at `signature.samples` they
-    are `signature.points`. NaN at vertices that no face uses."""
+    """Canonical coordinates of all vertices, (n, m), in the signature's pose and unit. At `signature.samples` they are
+    equal to `signature.points`. NaN at vertices that no face uses."""
     faces: Ints
     """Faces of the surface, (f, 3) int32."""
     signature: Signature = field(repr=False)
@@ -51,12 +51,12 @@ class CanonicalForm:
 
     @cached_property
     def surface(self) -> Surface:
-        """The form as a surface in space: its first three dimensions, zero where there are fewer."""
+        """The form as a surface in its first three dimensions. Missing dimensions are zero."""
         return Surface(in_space(self.points), self.faces)
 
 
 def in_space(points: Floats) -> Floats:
-    """Return the first three coordinates of points (n, m), zero where there are fewer."""
+    """Return the first three coordinates of points (n, m). Missing coordinates are zero."""
     space = np.zeros((len(points), 3))
     shown = min(3, points.shape[1])
     space[:, :shown] = points[:, :shown]
@@ -72,9 +72,9 @@ def canonical_form(
 ) -> CanonicalForm:
     """Compute the bending-invariant form of every vertex of `surface`, not only of the signature's samples.
 
-    Each vertex is placed by its geodesic distances to up to 100 of the samples, by the criterion that placed the
-    samples (see `unbend.embedding.extension`). The samples' remaining differences from the signature are then
-    interpolated along the surface and subtracted.
+    Each vertex is placed by its geodesic distances to up to 100 of the samples, by the same criterion as the samples
+    (see `unbend.embedding.extension`). The remaining differences of the samples from the signature are interpolated
+    along the surface and subtracted.
 
     Parameters
     ----------
@@ -83,26 +83,26 @@ def canonical_form(
     parameters : Parameters, optional
         Parameters of the signature to compute; `Parameters()` by default.
     signature : Signature, optional
-        Signature of this surface, if already known: computing it takes most of the time.
+        Signature of this surface, if it is known already. Its computation takes most of the time.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
     Returns
     -------
     CanonicalForm
-        The same for the same input, on every run.
+        The same for the same input on every run.
 
     Raises
     ------
     MeshGeometryError
         If the surface has no area, or its faces are not connected.
     ParameterError
-        If parameters and a signature are given, the signature is not of this surface, or `threads` is below 1.
+        If both parameters and a signature are given, the signature is not of this surface, or `threads` is below 1.
     """
     known = _signature(surface, parameters, signature, threads)
     samples, update = known.samples.astype(np.int32), known.parameters.update
     squared = _squared_rows(surface, samples[: _landmark_count(surface, known)], known.scale, update, threads)
-    # On a line the stress has a minimum in every gap between landmarks, and neighbours would reach different ones.
+    # On a line the stress has a minimum in every gap between landmarks, so neighbours would move to different minima.
     refine = known.parameters.method == "least_squares" and known.points.shape[1] > 1
     points = extend(known.points, known.samples, squared, refine=refine, threads=threads)
     points += _correction(surface, samples, known.points - points[samples], update)

@@ -1,4 +1,4 @@
-"""Half-edge collapses: a vertex moves onto a neighbour, and the faces at their edge are removed (Melax 1998)."""
+"""Half-edge collapses: a vertex moves onto a neighbour, and the faces at the edge between them vanish (Melax 1998)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from unbend.arrays import Floats, Ints
 from unbend.jit import kernel
 from unbend.mesh.surface import Surface
-from unbend.signature.links import SAME_SURFACE, TORN, damage
+from unbend.signature.links import SAME_SURFACE, TORN, damage_of
 from unbend.signature.stars import (
     REGULAR,
     build,
@@ -23,15 +23,15 @@ from unbend.signature.stars import (
     walk_ring,
 )
 
-_UNKNOWN: Final = -1  # sorts before every known harm
-_LARGEST_UPDATED: Final = 32  # faces around a vertex beyond which it neither causes nor gets new entries in the heap
+_UNKNOWN: Final = -1  # the damage of a collapse that is not evaluated yet; sorts before all known values
+_LARGEST_UPDATED: Final = 32  # vertices with more faces neither cause nor get new entries in the heap
 
 
 def collapse_onto_samples(surface: Surface, nearest: Ints, samples: Ints, distances: Floats) -> Ints:
     """Collapse edges until only samples are left; return the remaining faces, (f, 3), as indices into `samples`.
 
-    Vertices move within the cells of `nearest` first: if all reach their samples, every order gives the
-    same faces. The remaining vertices then move across cells, where the order matters.
+    First, vertices move within the cells of `nearest`. If all of them reach their samples, every order gives the same
+    faces. Then the remaining vertices move across cells, where the order matters.
     """
     edges = surface.edges
     corners, nodes = build(surface.faces, (edges.order, edges.starts, edges.counts), nearest, samples)
@@ -43,7 +43,7 @@ def collapse_onto_samples(surface: Surface, nearest: Ints, samples: Ints, distan
 
 @kernel
 def _collapse_cells(corners, nodes, clock):
-    """Collapse edges within cells while the surface keeps its topology."""
+    """Collapse edges within cells as long as the surface keeps its topology."""
     ring, queue = np.empty(len(nodes), np.int32), np.empty(len(nodes), np.int32)
     place, waiting = 0, 0
     for vertex in range(len(nodes)):
@@ -65,7 +65,7 @@ def _collapse_cells(corners, nodes, clock):
             if nodes[goal].cell != node.cell or (node.kind != REGULAR and nodes[goal].count == 2):
                 continue
             clock += 1
-            if damage(corners, nodes, vertex, goal, mark, clock) == SAME_SURFACE:
+            if damage_of(corners, nodes, vertex, goal, mark, clock) == SAME_SURFACE:
                 move(corners, nodes, vertex, goal)
                 for other in range(count):
                     near = nodes[ring[other]]
@@ -79,7 +79,7 @@ def _collapse_cells(corners, nodes, clock):
 
 @kernel
 def move(corners, nodes, vertex, goal):
-    """Collapse the edge from `vertex` to `goal`, which takes over the remaining faces of `vertex`."""
+    """Collapse the edge from `vertex` to `goal`, which gets the remaining faces of `vertex`."""
     node, there = nodes[vertex], nodes[goal]
     corner = node.head
     while corner >= 0:
@@ -101,9 +101,10 @@ def move(corners, nodes, vertex, goal):
 
 @kernel
 def _collapse_rest(corners, nodes, distances, clock):
-    """Collapse across cells: first edges that keep the topology, then those that keep the homotopy type, then the rest.
+    """Collapse edges across cells.
 
-    A heap entry has the cost of a vertex' best collapse when it was last evaluated. It is evaluated again when it is
+    Edges that keep the topology come first, then edges that keep the homotopy type, then all others. A heap entry has
+    the cost of a vertex' best collapse at its last evaluation. The collapse is evaluated again when the entry is
     popped, and when nearby faces have changed.
     """
     ring, spare = np.empty(len(nodes), np.int32), np.empty(len(nodes), np.int32)
@@ -111,49 +112,49 @@ def _collapse_rest(corners, nodes, distances, clock):
     for vertex in range(len(nodes)):
         if nodes[vertex].rank < 0 and nodes[vertex].size > 0:
             heappush(heap, (_UNKNOWN, 0.0, np.int64(vertex), np.int64(0)))
-    updates_left = len(nodes)  # after collapses that change the surface: loose triangles must not take forever
+    updates_left = len(nodes)  # limits updates after collapses that change the topology, because they may be many
     while len(heap) > 0:
-        harm, cost, vertex, version = heappop(heap)
+        damage, cost, vertex, version = heappop(heap)
         if nodes[vertex].version != version or nodes[vertex].size == 0:
             continue
         clock += 1
         count = walk_ring(corners, nodes, vertex, clock, ring)
-        found_harm, found_cost, goal, clock = _best_goal(corners, nodes, ring, count, distances, vertex, clock)
-        if harm < found_harm or (harm == found_harm and cost < found_cost):
-            heappush(heap, (found_harm, found_cost, vertex, version))
+        found_damage, found_cost, goal, clock = _best_goal(corners, nodes, ring, count, distances, vertex, clock)
+        if damage < found_damage or (damage == found_damage and cost < found_cost):
+            heappush(heap, (found_damage, found_cost, vertex, version))
             continue
-        if found_harm == TORN:
-            _remove_twins(corners, nodes, vertex, goal)
+        if found_damage == TORN:
+            _remove_duplicates(corners, nodes, vertex, goal)
         move(corners, nodes, vertex, goal)
-        if found_harm != SAME_SURFACE:
+        if found_damage != SAME_SURFACE:
             clock = _reclassify(corners, nodes, ring, count, spare, clock)
         clock += 1
         for index in range(count):
-            if nodes[ring[index]].size <= _LARGEST_UPDATED and (found_harm == SAME_SURFACE or updates_left > 0):
+            if nodes[ring[index]].size <= _LARGEST_UPDATED and (found_damage == SAME_SURFACE or updates_left > 0):
                 updates_left -= _requeue_neighbours(corners, nodes, ring[index], clock, heap)
 
 
 @kernel
 def _best_goal(corners, nodes, ring, count, distances, vertex, clock):
-    """Return the best collapse of `vertex`: its harm, its cost, the neighbour to move onto, and the clock."""
+    """Return the best collapse of `vertex`: its damage, its cost, the neighbour to move onto, and the clock."""
     mark = clock
     best: Any = (TORN + 1, np.inf, -1)
     for index in range(count):
         goal = np.int64(ring[index])
         clock += 1
-        harm = damage(corners, nodes, vertex, goal, mark, clock)
-        if harm < TORN:
+        damage = damage_of(corners, nodes, vertex, goal, mark, clock)
+        if damage < TORN:
             cost = _longest_edge(nodes, ring, count, distances, goal)
         else:
             cost = distances[nodes[vertex].cell, nodes[goal].cell]
-        found = (harm, cost, goal)
+        found = (damage, cost, goal)
         best = found if found < best else best  # noqa: FURB136 - Numba's min takes no tuples
     return best[0], best[1], best[2], clock
 
 
 @kernel
 def _longest_edge(nodes, ring, count, distances, goal):
-    """Return the longest edge, from cell to cell, that the faces of the ring's centre would have at `goal`."""
+    """Return the longest edge that the faces of the ring's centre would have at `goal`, measured between samples."""
     longest = 0.0
     for index in range(count):
         if ring[index] != goal:
@@ -162,7 +163,7 @@ def _longest_edge(nodes, ring, count, distances, goal):
 
 
 @kernel
-def _remove_twins(corners, nodes, vertex, goal):
+def _remove_duplicates(corners, nodes, vertex, goal):
     """Remove the faces of `vertex` that would coincide with faces of `goal`."""
     corner = nodes[vertex].head
     while corner >= 0:
@@ -184,7 +185,7 @@ def _reclassify(corners, nodes, ring, count, spare, clock):
 
 @kernel
 def _requeue_neighbours(corners, nodes, vertex, token, heap):
-    """Queue the neighbours of `vertex` with small stars for evaluation; return their number."""
+    """Queue the neighbours of `vertex` that have small stars for evaluation; return their number."""
     queued = 0
     corner = nodes[vertex].head
     while corner >= 0:

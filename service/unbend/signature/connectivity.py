@@ -12,30 +12,30 @@ from unbend.signature.collapse import collapse_onto_samples
 def signature_faces(surface: Surface, samples: Ints, nearest: Ints, distances: Floats) -> Ints:
     """Connect samples by collapsing the surface's edges until only samples are left (section 2.2).
 
-    The paper decimates as Melax (1998) does. Collapsing within the samples' geodesic Voronoi cells first gives the
-    triangles of the dual of the Voronoi diagram, wherever samples are dense enough for that to be a surface. Elsewhere,
-    in thin fingers, around handles and along boundaries, the remaining vertices move across cells, the shortest new
-    edges first, measured by `distances`, so triangles depend only on quantities that bending does not change. Where
-    possible, a collapse keeps the link condition (Dey et al. 1999), and with it the surface's genus, orientability and
-    boundaries; it always keeps the orientation of faces. Features with too few samples, such as a handle with two or a
-    hole with one, close.
+    The paper decimates as Melax (1998) does. Here, edges within the samples' geodesic Voronoi cells collapse first.
+    This gives the triangles of the dual of the Voronoi diagram, wherever samples are dense enough for the dual to be a
+    surface. Elsewhere, in thin fingers, around handles and along boundaries, the remaining vertices move across cells,
+    the shortest new edges first. Edges are measured by `distances`, so triangles depend only on quantities that bending
+    does not change. If possible, a collapse satisfies the link condition (Dey et al. 1999), which keeps the surface's
+    genus, orientability and boundaries. The orientation of faces is always kept. Features with too few samples, such as
+    a handle with two samples or a hole with one, close.
 
     Parameters
     ----------
     surface : Surface
         Any triangulated surface; it need not be manifold, oriented or connected.
     samples : (k,) int
-        Vertices of the surface, each once.
+        Vertices of the surface, without repeats.
     nearest : (n,) int32
-        Index in `samples` of the sample nearest to each vertex; -1 where there is none.
+        Index in `samples` of the sample nearest to each vertex, -1 for none.
     distances : (k, k) float64
         Geodesic distances between samples.
 
     Returns
     -------
     (f, 3) int32
-        Indices into `samples`, oriented like the surface, each triangle once. If every vertex is a sample, these are
-        the surface's faces, without those that use a vertex twice or repeat the vertices of an earlier face.
+        Indices into `samples`, oriented like the surface, without repeated triangles. If every vertex is a sample,
+        these are the surface's faces without degenerate and duplicate ones.
 
     References
     ----------

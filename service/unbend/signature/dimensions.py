@@ -1,4 +1,4 @@
-"""Moments of one shape's signatures in several numbers of dimensions, for comparison."""
+"""Moments of a shape's signatures in several numbers of dimensions, to compare these numbers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def moments_over_dimensions(
     ----------
     surface : Surface
     parameters : Parameters, optional
-        `dimensions` and `method` do not matter; weights that a method does not support are ignored.
+        `dimensions` and `method` are ignored, and so are weights that a method does not support.
     most : int, default 6
     threads : int, optional
         All cores by default. The result does not depend on it.
@@ -40,7 +40,7 @@ def moments_over_dimensions(
     Returns
     -------
     dict of str to (most, 14) float64
-        Moments for area 1.
+        Moments of the surface scaled to area 1.
 
     Raises
     ------

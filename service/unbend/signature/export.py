@@ -1,4 +1,4 @@
-"""Export of a signature or a canonical form: mesh files for viewers, JSON and NPZ for programs."""
+"""Export of signatures and canonical forms: mesh files for viewers, JSON and NPZ for programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unbend.mesh.write import check_format, write_mesh
 from unbend.signature.canonical_form import CanonicalForm, in_space
 from unbend.signature.signature import Signature
 
-_SPACE = 3  # dimensions shown as coordinates; the next three are shown as colours
+_SPACE = 3  # dimensions that become coordinates; the next three become colours
 
 
 def export_signature(signature: Signature, file_type: str) -> bytes:
@@ -23,15 +23,14 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     ----------
     signature : Signature
     file_type : str
-        "ply", "obj", "off" or "glb": the signature surface, by its first three dimensions, zero where there are
-        fewer; the fourth to sixth dimension, if any, are colours of its vertices (`coordinate_colours`).
-        "json" or "npz": points, faces, samples, weights, descriptors, scale and stress; JSON also has the
-        other fields.
+        "ply", "obj", "off" or "glb": the signature surface in its first three dimensions. Missing dimensions are zero.
+        The fourth to sixth dimension, if any, become colours of the vertices (`coordinate_colours`).
+        "json" or "npz": points, faces, samples, weights, descriptors, scale and stress. JSON also has all other fields.
 
     Raises
     ------
     ParameterError
-        If the format is none of those.
+        If the format is none of these.
     """
     if file_type == "json":
         return json.dumps(signature_as_dict(signature)).encode()
@@ -49,12 +48,12 @@ def export_form(form: CanonicalForm, file_type: str) -> bytes:
     form : CanonicalForm
     file_type : str
         "ply", "obj", "off" or "glb": coordinates and colours as in `export_signature`.
-        "json" or "npz": points (null or NaN at vertices that no face uses), faces, samples, scale and stress.
+        "json" or "npz": points, faces, samples, scale and stress. Points are null or NaN at vertices that no face uses.
 
     Raises
     ------
     ParameterError
-        If the format is none of those.
+        If the format is none of these.
     """
     signature = form.signature
     if file_type == "json":
@@ -76,10 +75,10 @@ def export_form(form: CanonicalForm, file_type: str) -> bytes:
 def coordinate_colours(points: Floats) -> Floats | None:
     """Return the fourth to sixth coordinate of each point as red, green and blue, or None below four dimensions.
 
-    Colour c of coordinate x is 0.5 + (x - middle) / range, where `middle` is the mean of the coordinate's least and
-    largest value, and `range` is the widest of the three coordinates' ranges. So equal steps of colour are equal
-    lengths in all three, and x = middle + range (c - 0.5). A coordinate that is missing, or not finite, is 0.5. Files
-    store 8 bits: half a step is range / 510.
+    The colour of coordinate x is c = 0.5 + (x - middle) / range, where `middle` is the mean of the coordinate's least
+    and largest value, and `range` is the widest range of the three coordinates. So equal steps of colour are equal
+    lengths in all three coordinates, and x = middle + range (c - 0.5). The colour is 0.5 for a coordinate that is
+    missing or not finite. Files with 8 bits per colour have an error of up to range / 510.
 
     Parameters
     ----------
@@ -101,7 +100,7 @@ def coordinate_colours(points: Floats) -> Floats | None:
 
 
 def signature_as_dict(signature: Signature) -> dict[str, object]:
-    """Return all of a signature as plain JSON values."""
+    """Return all fields of a signature as plain JSON values."""
     return {
         "points": signature.points.tolist(),
         "faces": signature.faces.tolist(),

@@ -1,4 +1,4 @@
-"""Flattening: the canonical form in the plane, as texture coordinates (Zigelman et al. 2002; the paper's Fig. 1)."""
+"""Flattening: texture coordinates from the canonical form in the plane (Zigelman et al. 2002; the paper's Fig. 1)."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class Flattening:
     """A surface mapped to the plane, with texture coordinates for each vertex."""
 
     uv: Floats
-    """Texture coordinates, (n, 2), from 0 to 1 on the longer side and from 0 on the other; NaN at vertices that no
-    face uses."""
+    """Texture coordinates, (n, 2), from 0 to 1 along the longer side and from 0 along the other side. NaN at vertices
+    that no face uses."""
     scale: float
-    """Length in the surface's own unit that is 1 in `uv`, along both axes."""
+    """Length in the unit of the surface that corresponds to 1 in `uv`, along both axes."""
     stretches: Floats
-    """Singular values of the map from each triangle into the plane, (f, 2), in the surface's own unit on both sides:
-    the larger, and the smaller, which is negative where the triangle is flipped. Both are 1 for an isometry; NaN for
-    triangles too thin to have a direction."""
+    """Singular values of the map from each triangle to the plane, with the same unit in both, (f, 2). The larger comes
+    first; the smaller is negative if the triangle is flipped. Both are 1 for an isometry, and NaN for degenerate
+    triangles."""
     stress: float
     """Eq. 2 of the samples."""
     surface: Surface = field(repr=False)
@@ -39,25 +39,25 @@ class Flattening:
 
     @cached_property
     def distortion(self) -> Floats:
-        """Largest factor by which lengths in each triangle change, (f,): the larger of s and 1 / s of `stretches`."""
+        """Largest factor by which a length in each triangle grows or shrinks, (f,), from `stretches`."""
         with np.errstate(divide="ignore"):
             return frozen(np.maximum(self.stretches[:, 0], 1 / np.abs(self.stretches[:, 1])), np.float64)
 
     @property
     def mean_distortion(self) -> float:
-        """Mean of `distortion` over the area: 1 for an isometry, infinite where a triangle collapses."""
+        """Mean of `distortion` over the area: 1 for an isometry, infinite if a triangle collapses."""
         return self._area_mean(self.distortion)
 
     @property
     def max_distortion(self) -> float:
-        """Largest of `distortion`."""
+        """Maximum of `distortion`."""
         return float(np.nanmax(self.distortion, initial=1.0))
 
     @property
     def flipped(self) -> float:
-        """Share of the area whose triangles are flipped, 0 to 0.5.
+        """Share of the area in flipped triangles, 0 to 0.5.
 
-        It is near 0.5 for closed surfaces, which lie in two layers: cut them open first. It means little where
+        It is near 0.5 for closed surfaces, which become two layers unless they are cut open first. It means little if
         neighbouring faces have different orientations.
         """
         return self._area_mean((self.stretches[:, 1] < 0).astype(np.float64))
@@ -68,25 +68,25 @@ class Flattening:
 
 
 def flatten(surface: Surface, parameters: Parameters | None = None, *, threads: int | None = None) -> Flattening:
-    """Map a surface to the plane so that distances there are near the geodesic ones.
+    """Map a surface to the plane so that distances in the plane approximate geodesic distances.
 
     The result is the canonical form in two dimensions (`canonical_form`), mirrored if needed so that most of the
-    surface shows its front. It makes no cuts and does not prevent folds. Developable surfaces have no distortion,
-    other sheets little, and closed surfaces lie in two layers.
+    surface shows its front. The surface is not cut, and folds are not prevented. Developable surfaces have no
+    distortion, other sheets have little, and closed surfaces become two layers.
 
     Parameters
     ----------
     surface : Surface
         Its faces must be connected, and should have consistent orientation.
     parameters : Parameters, optional
-        `Parameters()` by default; `dimensions` and `scaling` do not matter.
+        `Parameters()` by default. `dimensions` and `scaling` are ignored.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
     Returns
     -------
     Flattening
-        The same for the same input, on every run.
+        The same for the same input on every run.
 
     Raises
     ------
@@ -117,13 +117,13 @@ def export_flattening(flattening: Flattening, file_type: str) -> bytes:
     Raises
     ------
     ParameterError
-        If the format is none of those.
+        If the format is none of these.
     """
     return write_mesh(flattening.surface.vertices, flattening.surface.faces, file_type, uv=flattening.uv)
 
 
 def _front_up(points: Floats, surface: Surface) -> Floats:
-    """Return points of the plane, mirrored if more of the surface's area would show its back."""
+    """Return points of the plane, mirrored if otherwise most of the surface's area would show its back."""
     a, b, c = points[surface.faces].transpose(1, 0, 2)
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     front = float(np.sign(ux * vy - uy * vx) @ surface.face_areas)
@@ -131,9 +131,9 @@ def _front_up(points: Floats, surface: Surface) -> Floats:
 
 
 def _stretches(surface: Surface, flat: Floats) -> Floats:
-    """Return the singular values of the affine map of each triangle, the second with the sign of its determinant.
+    """Return the singular values of the affine map of each triangle, the second with the sign of the determinant.
 
-    Each triangle is placed with its first edge along x; `flat` is in units of `surface.scale`.
+    The first edge of each triangle defines its x axis. `flat` is in units of `surface.scale`.
     """
     a, b, c = (surface.vertices[surface.faces] / surface.scale).transpose(1, 0, 2)
     first, second = b - a, c - a

@@ -1,4 +1,4 @@
-"""The one way from a mesh file to its signature: read, then compute."""
+"""The signature of a mesh file: read the surface, then compute its signature."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unbend.signature.signature import Signature
 
 @dataclass(frozen=True)
 class FileSignature:
-    """A surface as it was read, with the report of its reading, and its signature."""
+    """The surface that was read from a file, and its signature."""
 
     surface: Surface
     signature: Signature
@@ -34,6 +34,6 @@ def signature_of_file(
     progress: ProgressCallback | None = None,
     threads: int | None = None,
 ) -> FileSignature:
-    """Read a mesh and compute its signature; arguments and errors are those of `read_mesh` and `compute_signature`."""
+    """Read a mesh and compute its signature. See `read_mesh` and `compute_signature` for arguments and errors."""
     surface = read_mesh(source, file_type=file_type, policy=policy, limits=limits, progress=progress)
     return FileSignature(surface, compute_signature(surface, parameters, progress=progress, threads=threads))

@@ -1,8 +1,8 @@
 """The effect of an edge collapse on the topology, by the link condition (Dey et al. 1999).
 
-A collapse keeps the topology if the links of both ends meet only in the link of the edge. At a crease, which is a
-boundary or an edge of three faces or more, a vertex may move only along the crease: the condition then counts one more
-vertex that is connected to every crease.
+A collapse keeps the topology if the links of both ends meet only in the link of the edge. A crease is a boundary or an
+edge of three faces or more. A vertex at a crease may move only along the crease. The same condition ensures this if one
+more vertex is added that is connected to every crease.
 """
 
 from __future__ import annotations
@@ -12,16 +12,19 @@ from typing import Final
 from unbend.jit import kernel
 from unbend.signature.stars import CREASE, LARGEST_STAR, REGULAR, faces_at, has_face, others, sweep
 
-SAME_SURFACE: Final = 0  # a collapse leaves a homeomorphic surface,
-SAME_SHAPE: Final = 1  # or one of the same homotopy type, with different creases,
-TORN: Final = 2  # or neither
+SAME_SURFACE: Final = 0  # the collapse gives a homeomorphic surface
+SAME_SHAPE: Final = 1  # the collapse keeps only the homotopy type and changes creases
+TORN: Final = 2  # the collapse keeps neither
 
-_LARGEST_MOVED: Final = 128  # most faces around a vertex that may move; larger stars shrink as other vertices move
+_LARGEST_MOVED: Final = 128  # most faces at a vertex that may move; larger stars shrink as other vertices move
 
 
 @kernel
-def damage(corners, nodes, vertex, goal, mark, token):
-    """Return the effect of moving `vertex` onto `goal`; `walk_ring` must have visited `vertex` with `mark`."""
+def damage_of(corners, nodes, vertex, goal, mark, token):
+    """Return the effect on the topology of moving `vertex` onto `goal`.
+
+    `walk_ring` must have visited `vertex` with `mark`.
+    """
     kind = nodes[vertex].kind
     if nodes[vertex].size > _LARGEST_MOVED or not keeps_links(corners, nodes, vertex, goal, mark, token):
         return TORN
@@ -43,7 +46,10 @@ def damage(corners, nodes, vertex, goal, mark, token):
 
 @kernel
 def keeps_links(corners, nodes, vertex, goal, mark, token):
-    """Whether the links of `vertex`, whose ring has `mark`, and of `goal` meet only in the link of their edge."""
+    """Return whether the links of `vertex` and `goal` meet only in the link of their edge.
+
+    `walk_ring` must have visited `vertex` with `mark`.
+    """
     if nodes[goal].size > LARGEST_STAR:
         return False
     sweep(corners, nodes, goal)

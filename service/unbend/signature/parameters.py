@@ -27,15 +27,16 @@ MAX_SEED: Final = 2**32 - 1
 
 @dataclass(frozen=True)
 class Parameters(JsonObject):
-    """Parameters of a signature: hashable, and equal after a round trip through JSON.
+    """Parameters of a signature. They are hashable, and equal after a round trip through JSON.
 
     Parameters
     ----------
     samples : int or "auto", default 300
-        Number of farthest point samples, 4 to 5000; all vertices if the surface has fewer. "auto" starts at 64 and
-        doubles until the spectrum changes by at most `tolerance`.
+        Number of farthest point samples, 4 to 5000. If the surface has fewer vertices, all are samples. "auto" starts
+        with 64 and doubles the number until the spectrum changes by at most `tolerance`.
     dimensions : int or "auto", default 3
-        Dimensions of the signature, 1 to 12; "auto" takes the fewest for which `criterion` is at most `threshold`.
+        Dimensions of the signature, 1 to 12. "auto" takes the least number for which `criterion` is at most
+        `threshold`.
     method : {"least_squares", "classical", "fast"}
         Method of multidimensional scaling.
     update : {"spherical", "planar"}
@@ -43,23 +44,23 @@ class Parameters(JsonObject):
     scaling : {"area", "box"}
         Quantity that is scaled to 1: the area of the surface, or the longest side of the signature's bounding box
         (the paper's choice). Area is the default because a bounding box depends on a few extreme points. Descriptors
-        are always for area 1.
+        always refer to area 1.
     first_sample : {"end", "random"}
         First sample: an end of the surface, or a random vertex that depends on `seed`.
     starts : int, default 0
-        Additional starts of least squares at random points, up to 20; the lowest stress is kept.
+        Additional starts of least squares at random points, up to 20. The result of lowest stress is kept.
     seed : int, default 0
         Seed of all random choices, 0 to 2^32 - 1.
     weights : {"equal", "inverse", "inverse_squared", "area"}
-        Weights of pairs in eq. 2: 1, 1 / d, 1 / d^2, or the product of the areas that both samples represent. The
-        middle two require "least_squares"; "fast" does not support "area".
+        Weights of pairs in eq. 2: 1, 1 / d, 1 / d^2, or the product of the areas that both samples represent. "inverse"
+        and "inverse_squared" require the method "least_squares". The method "fast" does not support "area".
     criterion : {"error", "stress"}
         Quantity that `threshold` bounds if `dimensions` is "auto": the representation error of eq. 6, or the stress of
         eq. 2.
     threshold : float, default 0.05
-        Above 0 and below 1.
+        Upper bound of the criterion, above 0 and below 1.
     tolerance : float, default 0.02
-        Above 0 and below 1: largest change of the spectrum, as a share of its L1 norm, if `samples` is "auto".
+        Largest change of the spectrum, as a share of its L1 norm, if `samples` is "auto". Above 0 and below 1.
 
     Raises
     ------
@@ -96,9 +97,9 @@ class Parameters(JsonObject):
         _check_method(self.method, self.weights, self.starts)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields as plain JSON values, without newer fields that have their default.
+        """Return the fields as plain JSON values, without fields of later versions that have their default value.
 
-        So the text of older parameters never changes, and stored signatures are still found by it.
+        So the JSON of older parameters never changes, and stored signatures can still be found by it.
         """
         defaults = {field.name: field.default for field in fields(self)}
         return {

@@ -30,10 +30,10 @@ from unbend.signature.parameters import MAX_SAMPLES, Parameters
 from unbend.signature.signature import Signature
 from unbend.tolerances import DOUBTFUL_ASYMMETRY
 
-# Share of the whole at which each stage begins. The distance rows are nearly all of the work.
+# Share of the total progress at which each stage begins. Distance rows take most of the time.
 _SAMPLING, _GEODESICS, _EMBEDDING, _DESCRIBING = 0.02, 0.1, 0.85, 0.98
 _FEWEST_SAMPLES: Final = 64
-_MANY_ITERATIONS = 100  # number of iterations at which progress shows half of the embedding as done
+_MANY_ITERATIONS = 100  # after this many iterations, progress shows half of the embedding as done
 
 
 def compute_signature(
@@ -52,14 +52,14 @@ def compute_signature(
     parameters : Parameters, optional
         `Parameters()` by default.
     progress : callable, optional
-        Called with a `Progress` while the work goes on.
+        Called with a `Progress` from time to time.
     threads : int, optional
         Threads for distance rows and embedding; all cores by default. The result does not depend on it.
 
     Returns
     -------
     Signature
-        The same for the same input, on every run.
+        The same for the same input on every run.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _by_doubling(surface: Surface, chosen: Parameters, report: ProgressCallback,
     count, begin = min(_FEWEST_SAMPLES, most), 0.0
 
     def report_half(progress: Progress, begin: float = 0.0) -> None:
-        # The number of rounds left is unknown: each takes half of the rest.
+        # The number of rounds is unknown, so each round takes half of the remaining progress.
         report(replace(progress, share=begin + progress.share * (1.0 - begin) / 2))
 
     found = _computed(surface, chosen, count, report_half, threads)
@@ -168,10 +168,11 @@ def _first_sample(surface: Surface, chosen: Parameters) -> int | None:
 
 
 def _doubts(asymmetry: float) -> tuple[str, ...]:
-    """Return a warning if distances are too asymmetric: correct distances are equal in both directions."""
+    """Return a warning if distances are too asymmetric, because correct distances are equal in both directions."""
     sentence = (
-        f"distances may be wrong: measured from both ends, some differ by {asymmetry:.0%} of the largest; needles and "
-        "vertices where separate parts touch cause this: remesh the surface, or simplify it with `max_vertices`"
+        f"distances may be wrong: some differ by {asymmetry:.0%} of the largest from those in the opposite direction; "
+        "thin triangles and vertices where separate parts touch cause this: remesh the surface, or simplify it with "
+        "`max_vertices`"
     )
     return (sentence,) if asymmetry > DOUBTFUL_ASYMMETRY else ()
 
@@ -183,7 +184,7 @@ def _scale(posed: Floats, area: float, parameters: Parameters) -> float:
 
 
 def _describe(surface: Surface, posed: Floats, faces: Ints, distances: Floats, weights: Floats) -> dict[str, Floats]:
-    # always for area 1, independent of the scaling of the points
+    # Descriptors always refer to area 1, whatever the scaling of the points.
     points, unit = posed / np.sqrt(surface.area), distances / np.sqrt(surface.area)
     return {
         "spectrum": geodesic_spectrum(unit, weights),

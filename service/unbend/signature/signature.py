@@ -1,4 +1,4 @@
-"""The bending-invariant signature, as a value."""
+"""The type of a bending-invariant signature."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from unbend.arrays import Floats, Indices, Ints, frozen
 from unbend.signature.parameters import Parameters
 
 ALGORITHM_VERSION: Final = "5"
-"""Version of the algorithm: it changes when equal meshes and parameters would give different numbers."""
+"""Version of the algorithm. It changes when the same mesh and parameters give different numbers than before."""
 
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """A bending-invariant signature: samples of a surface, placed so that straight lines approximate geodesics."""
+    """A bending-invariant signature: samples of a surface, placed so that distances approximate geodesic distances."""
 
     points: Floats
     """Canonical coordinates of the samples, (k, m), in the unit that `parameters.scaling` names."""
     faces: Ints
-    """Triangles between samples, (f, 3), which remain when the surface's edges are collapsed onto samples."""
+    """Triangles between samples, (f, 3), which remain when the surface's vertices are collapsed onto samples."""
     samples: Indices
     """Vertex of the surface for each point, (k,)."""
     weights: Floats
-    """Share of the surface's area nearest to each sample, (k,); they sum to 1."""
+    """Share of the surface's area that is nearest to each sample, (k,). The shares sum to 1."""
     scale: float
-    """Length in the surface's own unit that is 1 in `points`."""
+    """Length in the unit of the surface that corresponds to 1 in `points`."""
     stress: float
-    """Eq. 2: the difference between the points' distances and the geodesic ones; 0 if they are equal."""
+    """Eq. 2: the difference between the distances of the points and the geodesic distances; 0 if they are equal."""
     asymmetry: float
     """Largest difference between the two directions of a marched distance, over the largest distance."""
     descriptors: dict[str, Floats] = field(repr=False)
@@ -37,7 +37,7 @@ class Signature:
     parameters: Parameters = field(default_factory=Parameters)
     version: str = ALGORITHM_VERSION
     warnings: tuple[str, ...] = ()
-    """Reasons why the signature may be wrong, and remedies; warnings from reading the surface come first."""
+    """Reasons why the signature may be wrong, and remedies. Warnings from reading the surface come first."""
 
     def __post_init__(self) -> None:
         kinds = {"points": np.float64, "faces": np.int32, "samples": np.int64, "weights": np.float64}
@@ -63,7 +63,7 @@ class Signature:
 
     @property
     def dimension(self) -> int | None:
-        """Effective dimension, 1 to 12, a bending invariant by itself (section 3); None in signatures of version 4."""
+        """Effective dimension, 1 to 12, itself a bending invariant (section 3); None in signatures of version 4."""
         return int(self.descriptors["dimension"][0]) if "dimension" in self.descriptors else None
 
     @property

@@ -1,7 +1,7 @@
 """A simplicial complex for edge collapses: the star of each vertex is a linked list of corners.
 
 The surface need not be manifold or oriented: a face is three corners, and each vertex lists its corners. Corner
-`3 f + i` is corner i of face f; a corner whose vertex is -1 belongs to a removed face.
+`3 f + i` is corner i of face f. A corner whose vertex is -1 belongs to a removed face.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from unbend.jit import kernel
 CORNER: Final = np.dtype([("vertex", np.int32), ("next", np.int32)])
 NODE: Final = np.dtype(
     [
-        ("head", np.int32),  # first and last corner of the list
-        ("tail", np.int32),
-        ("size", np.int32),  # faces
-        ("stale", np.int32),  # corners in the list whose faces are removed
+        ("head", np.int32),  # first corner of the list
+        ("tail", np.int32),  # last corner of the list
+        ("size", np.int32),  # number of faces
+        ("stale", np.int32),  # number of corners in the list whose faces are removed
         ("kind", np.int32),  # REGULAR, CREASE or POINT
-        ("cell", np.int32),  # the nearest sample
-        ("rank", np.int32),  # index among the samples, -1 for other vertices
-        ("mark", np.int32),  # mark of the last ring that contained this vertex, and in that ring:
-        ("count", np.int32),  # number of faces it shares with the centre,
-        ("across", np.int32),  # the exclusive or of its neighbours
+        ("cell", np.int32),  # index of the nearest sample
+        ("rank", np.int32),  # index of this vertex among the samples, -1 for other vertices
+        ("mark", np.int32),  # mark of the last ring that contained this vertex
+        ("count", np.int32),  # number of faces that this vertex shares with the centre of that ring
+        ("across", np.int32),  # exclusive or of this vertex' neighbours in that ring
         ("seen", np.int32),  # token of the last test that visited this vertex
-        ("version", np.int32),  # number of changes around it
-        ("queued", np.int32),
+        ("version", np.int32),  # number of changes to the faces around this vertex
+        ("queued", np.int32),  # 1 if this vertex is in the queue
     ]
 )
 
 LARGEST_STAR: Final = 1024
-"""Largest star that is searched, so that a fan of any size takes linear time."""
+"""Largest number of faces in a star that is searched. The limit keeps the time linear for fans of any size."""
 
-REGULAR: Final = 0  # the faces around it are a disc
-CREASE: Final = 1  # half-discs with a common diameter: one at a boundary, three or more where sheets meet
-POINT: Final = 2  # anything else
+REGULAR: Final = 0  # the faces around the vertex are a disc
+CREASE: Final = 1  # they are half-discs with a common diameter: one at a boundary, three or more where sheets meet
+POINT: Final = 2  # they are anything else
 
 
 @kernel
@@ -68,7 +68,7 @@ def build(faces, edges, nearest, samples):
 
 @kernel
 def _drop_doubles(corners, nodes, edges):
-    """Remove duplicate faces: they share an edge and have the same vertex opposite it."""
+    """Remove duplicate faces, which share an edge and have the same vertex opposite that edge."""
     order, starts, counts = edges
     token = 0
     for edge in range(len(starts)):
@@ -106,7 +106,7 @@ def _erase(corners, face):
 
 @kernel
 def remove(corners, nodes, face):
-    """Remove a face; its corners stay in the lists until `sweep`."""
+    """Remove a face. Its corners stay in the lists until `sweep`."""
     for corner in range(3 * face, 3 * face + 3):
         node = nodes[corners[corner].vertex]
         node.size -= 1
@@ -116,7 +116,7 @@ def remove(corners, nodes, face):
 
 @kernel
 def has_face(corners, nodes, a, b, c):
-    """Whether three different vertices form a face; only the smallest of their stars is searched."""
+    """Return whether three different vertices form a face, by a search of the smallest of their stars."""
     if nodes[b].size < nodes[a].size:
         a, b = b, a
     if nodes[c].size < nodes[a].size:
@@ -183,7 +183,7 @@ def walk_ring(corners, nodes, vertex, mark, ring):
 
 @kernel
 def classify(corners, nodes, vertex, mark, ring):
-    """Return the kind of a vertex, by walking along its link."""
+    """Return the kind of a vertex, found by walks along its link."""
     if nodes[vertex].size > LARGEST_STAR:
         return POINT
     count = walk_ring(corners, nodes, vertex, mark, ring)
@@ -225,7 +225,7 @@ def classify_all(corners, nodes):
 
 @kernel
 def _walk_arc(nodes, start, following):
-    """Walk along a link from `start` until back there or at a crease; return the steps and the end."""
+    """Walk along a link from `start` to a crease or back to `start`; return the number of steps and the end."""
     before, here, steps = start, following, 1
     while here != start and nodes[here].count == 2:
         before, here = here, nodes[here].across ^ before
@@ -235,7 +235,7 @@ def _walk_arc(nodes, start, following):
 
 @kernel
 def remaining(corners, nodes):
-    """Return the remaining faces, as indices of samples."""
+    """Return the remaining faces as indices into the samples."""
     faces = np.empty((len(corners) // 3, 3), np.int32)
     count = 0
     for face in range(len(faces)):

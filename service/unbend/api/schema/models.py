@@ -21,8 +21,8 @@ _IGNORED: Final = (
     "send the file with `if_known=update`, or PATCH the shape."
 )
 _WARNING: Final = (
-    "only 50.0% of the area was kept, the largest of 2 components, so that the answer may be that of a part: the "
-    'reading policy components="bridge" links all of them'
+    "only 50.0% of the area was kept, the largest of 2 components, so results may describe only a part of the shape: "
+    'the policy components="bridge" connects all of them'
 )
 
 

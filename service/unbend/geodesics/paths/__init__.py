@@ -1,1 +1,1 @@
-"""Minimal geodesics: walk down a distance field, unfold the strip of triangles, pull the path tight."""
+"""Minimal geodesics: descend a distance field, unfold the strip of triangles, pull the path tight."""

@@ -2,8 +2,8 @@
 
 On each edge the field defines a virtual point source: the point in the plane behind the edge that has the field's
 distances from both ends (Novotni & Klein 2002, the model of spherical marching). The walk goes straight to the best
-virtual source visible from its triangle, so where the field is exact, the walk is too. It only has to find the correct
-side of each bump, because `pull_tight` corrects errors within a strip.
+virtual source visible from its triangle, so the walk is exact where the field is. The walk only has to pass each
+obstacle on the correct side, because `pull_tight` corrects errors within a strip.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from unbend.geodesics.paths.funnel import append_edge
 from unbend.jit import inlined, kernel
 
-_MAX_STALLED = 32  # successive steps that may come no nearer, because the field is not exact
+_MAX_STALLED = 32  # successive steps that may come no nearer to the source, because the field is not exact
 
 
 @inlined
 def _virtual_source(ua, ub, c):
-    """Return the point, above the x axis, that is ua from (0, 0) and ub from (c, 0)."""
+    """Return the point above the x axis at the distance ua from (0, 0) and ub from (c, 0)."""
     x = (ua * ua - ub * ub + c * c) / (2.0 * c)
     return x, np.sqrt(max(0.0, ua * ua - x * x))
 
@@ -27,7 +27,8 @@ def _virtual_source(ua, ub, c):
 def _look(ua, ub, c, x, y):
     """View the virtual source of the edge from (0, 0) to (c, 0) from the point (x, -y).
 
-    Return the distance, the crossing, and the distance of the source from there; inf if it is not visible.
+    Return the distance to the source, the x at which the line of sight crosses the edge, and the distance from that
+    crossing to the source. The first is inf if the source is not visible.
     """
     sx, sy = _virtual_source(ua, ub, c)
     crossing = (sx * y + x * sy) / (y + sy)
@@ -39,7 +40,7 @@ def _look(ua, ub, c, x, y):
 
 @kernel
 def _leave(half_edges, offsets, corners, field, shrink, vertex, source):
-    """Choose how to leave `vertex`: return a half-edge and the position of the crossing, below 0 to walk along it."""
+    """Choose how to leave `vertex`: return a half-edge, and the share of it where to cross, or -1 to walk along it."""
     best, chosen, crossing = np.inf, np.int64(-1), -1.0
     for index in range(offsets[vertex], offsets[vertex + 1]):
         opposite = half_edges[corners[index]]
@@ -84,7 +85,7 @@ def _cheapest_edge(half_edges, offsets, corners, field, shrink, vertex):
 
 @kernel
 def _enter(half_edges, field, half_edge):
-    """Choose the face to enter over `half_edge`: of several, the one whose opposite corner is nearest to the source."""
+    """Return the half-edge that enters the next face; of several, the one whose corner is nearest to the source."""
     chosen = entry = half_edges[half_edge].twin
     while half_edges[entry].twin != half_edge:
         entry = half_edges[entry].twin
@@ -95,20 +96,21 @@ def _enter(half_edges, field, half_edge):
 
 @inlined
 def _cross_face(portal, before, after, ua, ub, uc, at):
-    """Cross the face entered through half-edge `portal` at the share `at` of it; `before` and `after` are its others.
+    """Cross the face entered through half-edge `portal`, at the share `at` of its length.
 
-    The field is ua and ub at the portal's ends, uc at the opposite corner. Return the half-edge to leave by, the share
-    of it and the value there; or, if the half-edge is -1, the vertex to go to.
+    `before` and `after` are the face's other half-edges. The field is ua and ub at the portal's ends, and uc at the
+    opposite corner. Return the half-edge to leave by, where to cross it as a share of it, the distance from there to
+    the source, and a vertex. If the half-edge is -1, the walk goes to that vertex.
     """
     base, along, aside = portal.length, portal.along, portal.aside
     leave, share, value, goal = -1, 0.0, 0.0, portal.corner
     best = uc + base * np.sqrt((along - at) * (along - at) + aside * aside)
-    if before.twin >= 0:  # the edge from the first end to the opposite corner
+    if before.twin >= 0:  # the edge from the portal's first end to the opposite corner
         scale = at * base * base / before.length
         seen, crossing, there = _look(ua, uc, before.length, scale * along, scale * aside)
         if seen < best:
             best, leave, share, value = seen, portal.before, 1.0 - crossing / before.length, there
-    if after.twin >= 0:  # the edge from the second
+    if after.twin >= 0:  # the edge from the second end
         scale = (1.0 - at) * base * base / after.length
         seen, crossing, there = _look(ub, uc, after.length, scale * (1.0 - along), scale * aside)
         if seen < best:
@@ -122,7 +124,10 @@ def _cross_face(portal, before, after, ua, ub, uc, at):
 
 @kernel
 def _walk(half_edges, field, shrink, source, portals, portal, leave, at):
-    """Walk through half-edge `leave` to a vertex; return it, -1 if the array is full, and the end of the portals."""
+    """Walk through half-edge `leave` until a vertex; return that vertex and the end of the portals.
+
+    The vertex is -1 if the array of portals is full.
+    """
     nearest, stalled = np.inf, 0
     while portal < len(portals):
         entry = _enter(half_edges, field, leave)
@@ -150,8 +155,9 @@ def _walk(half_edges, field, shrink, source, portals, portal, leave, at):
 def descend(half_edges, offsets, corners, field, shrink, source, target, pieces, portals):
     """Walk from `target` down to `source`; fill the path and return its number of pieces, -1 if no path is found.
 
-    A local minimum is an error of the field: the walk leaves it by its cheapest edge, and raises the field there to the
-    cost of that edge, so that it does not return in vain (Korf 1990, learning real-time A*).
+    A local minimum is an error of the field. The walk leaves a local minimum by the cheapest edge, and raises the field
+    there to the cost of that edge, so that it does not fall into the same minimum again (Korf 1990, learning real-time
+    A*).
     """
     # A literal 0 has a type of its own, for which Numba would compile every callee again.
     vertex, piece, portal = target, np.int64(0), np.int64(0)
@@ -166,13 +172,13 @@ def descend(half_edges, offsets, corners, field, shrink, source, target, pieces,
         if goal >= 0 and field[goal] < field[vertex]:
             pieces[piece].edge, pieces[piece + 1].node, pieces[piece + 1].start = -1, goal, end
         else:
-            if at >= 0.0 or chosen < 0:  # the walk failed, or there is none
+            if at >= 0.0 or chosen < 0:  # the walk through triangles led nowhere, or none is possible
                 chosen, through = _cheapest_edge(half_edges, offsets, corners, field, shrink, vertex)
                 if chosen < 0:
                     return -1
                 field[vertex] = max(field[vertex], through / shrink)
             goal, end = _other_end(half_edges, chosen, vertex), portal
-            if piece > 0 and goal == pieces[piece - 1].node:  # leave a dead end
+            if piece > 0 and goal == pieces[piece - 1].node:  # undo the last piece, which led into a dead end
                 vertex, piece = goal, piece - 1
                 portal = pieces[piece].start
                 continue

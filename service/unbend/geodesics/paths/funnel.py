@@ -1,8 +1,8 @@
 """The shortest path in a strip of triangles, unfolded into the plane, by the funnel algorithm.
 
 The funnel of Lee & Preparata (1984): the shortest paths from the start to both ends of a portal are the same up to the
-apex, and then bend outwards to the left and to the right. The next portal moves one end. Points that the path to it no
-longer touches leave the funnel permanently, so a strip of k triangles takes O(k).
+apex, and then bend outwards to the left and to the right. The next portal moves one of these ends. Points that the path
+to the new end no longer touches leave the funnel permanently, so a strip of k triangles takes O(k).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from unbend.jit import inlined, kernel
 
 @inlined
 def turn(a, b, c):
-    """Return twice the signed area of the triangle of three points, above 0 if c lies to the left of a -> b."""
+    """Return twice the signed area of the triangle (a, b, c), which is above 0 if c lies to the left of a -> b."""
     return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
 
 
@@ -25,7 +25,7 @@ def _set(point, x, y, vertex, first):
 
 @kernel
 def _start(half_edges, leave, portal, points):
-    """Place the start at the origin and the first portal in front of it, with its first (right) end on the x axis."""
+    """Place the start at the origin, and the first portal with its first (right) end on the x axis."""
     before, after = half_edges[leave].before, half_edges[leave].after
     base, along, aside = half_edges[before].length, half_edges[before].along, half_edges[before].aside
     _set(points[0], 0.0, 0.0, half_edges[leave].corner, portal - 1)
@@ -38,12 +38,13 @@ def _start(half_edges, leave, portal, points):
 
 @kernel
 def pull_tight(half_edges, strip, first, stop, points, ends, deque):
-    """Find the shortest path through portals `first` to `stop` - 1 (at least one), between the corners opposite.
+    """Find the shortest path through the portals `first` to `stop` - 1, of which there is at least one.
 
-    Return the number of the last point; `parent` leads from it back to point 0, the start.
+    The path starts at the corner opposite the first portal and ends at the corner opposite the last one. Return the
+    index of the end in `points`. The field `parent` leads from there back to point 0, the start.
 
-    The deque holds the funnel from its left end, at `low`, over the apex to its right end, at `high`. `step` is 1
-    if the left end moves and -1 if the right one does, so that the same code handles both.
+    The deque contains the funnel from its left end, at `low`, over the apex to its right end, at `high`. `step` is 1 if
+    the left end moves and -1 if the right end moves, so that the same code handles both.
     """
     _start(half_edges, strip[first].exit, first, points)
     apex = stop - first + 2
@@ -66,10 +67,10 @@ def pull_tight(half_edges, strip, first, stop, points, ends, deque):
         step, end, other = 1, low, high
         if portal + 1 < stop and half_edges[strip[portal + 1].exit].corner != left_vertex:
             step, end, other = -1, high, low
-        # pop the points that the path to the new end no longer touches: first on its own side,
+        # Pop the points that the path to the new end no longer touches: first on the side of the new end,
         while end != apex and step * turn(points[deque[end + step]], points[deque[end]], new) <= 0.0:
             end += step
-        if end == apex:  # then on the other, where the apex advances
+        if end == apex:  # then on the other side, where the apex advances
             while apex != other and step * turn(points[deque[apex]], points[deque[apex + step]], new) < 0.0:
                 apex += step
             end = apex
@@ -98,7 +99,7 @@ def edge_in_face(half_edges, any_half_edge, start, goal):
 
 @kernel
 def _common_edge(half_edges, strip, points, start, goal, stop):
-    """Return a half-edge of the edge from point `start` to the next point `goal`, in the strip."""
+    """Return a half-edge of the strip between point `start` and `goal`, the next point of the path."""
     shared = max(points[start].first, points[goal].first)
     if shared <= min(points[start].last, points[goal].last):
         return strip[shared].exit
@@ -122,7 +123,7 @@ def _first_end(half_edges, half_edge, points, ends, portal):
 
 @kernel
 def append_edge(half_edges, pieces, piece, portals, half_edge, goal):
-    """Append a piece along an edge."""
+    """Append a piece that runs along an edge to the vertex `goal`."""
     record = pieces[piece]
     record.start, record.edge, record.fresh, record.length = portals, half_edge, 1, half_edges[half_edge].length
     pieces[piece + 1].node, pieces[piece + 1].start = goal, portals
@@ -130,7 +131,7 @@ def append_edge(half_edges, pieces, piece, portals, half_edge, goal):
 
 @kernel
 def append_piece(half_edges, strip, points, ends, start, goal, stop, pieces, piece, portals, portal):
-    """Append the straight piece between two successive points of the path; return the end of its portals."""
+    """Append the straight piece between two successive points of the path; return the new end of the portals."""
     first, end = points[start].last + 1, points[goal].first
     vertex = points[goal].vertex
     if first >= end:

@@ -1,4 +1,4 @@
-"""Searches for shortest paths: descend a distance field, straighten, keep the best."""
+"""Searches for shortest paths: descend a distance field, straighten the path, keep the best."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from unbend.jit import kernel
 
 @kernel
 def search_shortest(mesh, field, source, target, path, spare, best, work):
-    """Find a shortest path from `target` to `source` among those that start at `target` with a walk or with an edge.
+    """Find a short path from `target` to `source` by several descents; keep the shortest after straightening.
 
-    Return its pieces, its portals and the number of pieces, 0 if there is none.
+    The first descent starts at `target`. Each of the others starts at a neighbour of `target` and is preceded by the
+    edge to that neighbour. Return the pieces, the portals and the number of pieces, which is 0 if no path was found.
     """
     half_edges, offsets, corners, extent = mesh
     strip, points, ends, deque, turns = work
@@ -42,7 +43,7 @@ def search_shortest(mesh, field, source, target, path, spare, best, work):
 
 @kernel
 def straighten_walk(mesh, vertices, path, spare, work):
-    """Straighten a walk along edges, from vertex to vertex; return the same as `search_shortest`."""
+    """Straighten a walk from vertex to vertex along edges; return the same as `search_shortest`."""
     half_edges, offsets, corners, _ = mesh
     strip, points, ends, deque, turns = work
     here, there = (path.pieces, path.portals), (spare.pieces, spare.portals)
@@ -70,7 +71,10 @@ def _edge_between(half_edges, offsets, corners, start, goal):
 
 @kernel
 def crossings(half_edges, pieces, portals, count, points, ends, deque, first, second, share):
-    """Write the points where a path turns or crosses edges, each at `share` of the way from `first` to `second`."""
+    """Write the points where a path has nodes or crosses edges.
+
+    Each point lies at `share` of the way from vertex `first` to vertex `second`.
+    """
     place = 0
     for piece in range(count + 1):
         first[place] = second[place] = pieces[piece].node

@@ -16,15 +16,15 @@ from unbend.geodesics.paths.search import crossings, search_shortest, straighten
 from unbend.geodesics.paths.strips import StripMesh, Work, path_arrays, strip_mesh, work_arrays
 from unbend.mesh.surface import Surface
 
-_SNAP: Final = 1e-12  # distance from an edge's end, in units of the edge, within which a path passes through the vertex
+_SNAP: Final = 1e-12  # a crossing this near to an edge's end, as a share of the edge, counts as the vertex
 _FIELD_ERROR: Final = 0.01  # a path longer than the marched distance by this share took the wrong side of an obstacle
 
 
 def geodesic_path(surface: Surface, source: int, target: int) -> Floats:
     """Minimal geodesic from one vertex to another: a polyline that runs straight through the triangles.
 
-    Walks down the distance fields of both ends give paths, which are then made locally shortest. The shortest of them
-    is exact up to rounding if one of the walks passed every obstacle on the correct side.
+    Several descents of the distance fields of both ends give paths, which are then made locally shortest. The shortest
+    path is exact up to rounding if one of the descents passed every obstacle on the correct side.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ def geodesic_path(surface: Surface, source: int, target: int) -> Floats:
     Returns
     -------
     (p, 3) float64
-        From `source` to `target`; each segment lies in one triangle. A single point, p = 1, if both are the same.
+        Points from `source` to `target`; each segment lies in one triangle. A single point if both are the same.
 
     Raises
     ------
     ParameterError
         If `source` or `target` is not a vertex.
     UnsuitedError
-        If no path connects them.
+        If no path connects the two vertices.
 
     Examples
     --------

@@ -1,25 +1,25 @@
 """Straightening of any path over a mesh to a locally shortest one (Xin & Wang 2007; FlipOut, Sharp & Crane 2020).
 
-A path of straight pieces is locally shortest if neither side of any node is narrower than a half turn. If one is, the
-faces on that side connect the strips before and after to one strip, in which the path is pulled tight. The old path is
-on the border of the strip, so no round makes a path longer.
+A path of straight pieces is locally shortest if the angle on each side of each node is at least a half turn. If an
+angle is smaller, the fan of faces on that side joins the strips before and after the node to one strip, in which the
+path is pulled tight. The new strip contains the old path, so no round makes a path longer.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from unbend.geodesics.paths.fans import NO_TURN, best_turn, fan_from, push
+from unbend.geodesics.paths.fans import NO_TURN, append_fan, best_turn, push
 from unbend.geodesics.paths.funnel import append_edge, append_piece, edge_in_face, pull_tight
 from unbend.jit import kernel
 
-_ROUNDS = 100  # paths need a few; rounding might otherwise alternate forever
+_ROUNDS = 100  # paths need a few rounds; rounding errors might alternate forever
 _SPARE = 8  # entries at the end of each array that stay unused, as a safety margin
 
 
 @kernel
 def _trim(half_edges, strip, count, start, goal):
-    """Return the range of a strip's portals without those at its ends that contain its first or last vertex."""
+    """Return the range of a strip's portals without those at its ends that touch `start` or `goal`."""
     first, stop = 0, count
     while first < stop:
         leave = half_edges[strip[first].exit]
@@ -47,9 +47,10 @@ def _find_turns(half_edges, offsets, pieces, portals, count, turns):
 
 @kernel
 def _join(half_edges, offsets, pieces, portals, piece, stop, turns, strip):
-    """Join the strips of pieces `piece` to `stop` - 1 with the fans between them; return the number of portals.
+    """Join the strips of pieces `piece` to `stop` - 1 and the fans between them to one strip.
 
-    Also return a half-edge of the first face, because a strip may have no portals. -1 means too many portals.
+    Return the number of portals, -1 if `strip` is too small, and a half-edge of the first face. That half-edge is
+    needed if the strip has no portals.
     """
     count, arrived = np.int64(0), np.int64(-1)
     inside = turns[piece + 1] if pieces[piece].edge >= 0 else portals[pieces[piece].start].exit
@@ -69,13 +70,16 @@ def _join(half_edges, offsets, pieces, portals, piece, stop, turns, strip):
             turn = turns[current + 1]
             if arrived >= 0 and arrived != turn and pieces[current].edge >= 0:
                 count = push(strip, count, arrived, turn)
-            arrived, count = fan_from(half_edges, offsets, pieces, portals, current + 1, turn, strip, count)
+            arrived, count = append_fan(half_edges, offsets, pieces, portals, current + 1, turn, strip, count)
     return count, inside
 
 
 @kernel
 def _pull(half_edges, offsets, path, piece, stop, turns, work, new, made, portal):
-    """Append pieces `piece` to `stop` - 1 of `path` to `new`, pulled tight; return its sizes, -1 if it is full."""
+    """Pull the pieces `piece` to `stop` - 1 of `path` tight, and append the result to `new`.
+
+    Return the new numbers of pieces and portals. The first is -1 if `new` is full.
+    """
     pieces, (strip, points, ends, deque) = path[0], work
     start, goal = pieces[piece].node, pieces[stop].node
     count, inside = _join(half_edges, offsets, pieces, path[1], piece, stop, turns, strip)
@@ -116,9 +120,10 @@ def _copy(path, piece, new, made, portal, fresh):
 
 @kernel
 def _rebuild(half_edges, offsets, path, count, turns, work, new, raw):
-    """Write `path` to `new`, its strips joined at the nodes with turns; return the number of pieces, or -1.
+    """Write `path` to `new`, joining the strips on both sides of each node that has a turn.
 
-    The strips of a `raw` path are not straight, so all of them are pulled tight.
+    The strips of a `raw` path are not straight, so all of them are pulled tight. Return the number of pieces, -1 if
+    `new` is full.
     """
     pieces = path[0]
     made = portal = piece = np.int64(0)
@@ -151,7 +156,7 @@ def path_length(pieces, count):
 def shorten(half_edges, offsets, path, count, spare, turns, work):
     """Shorten a raw path until it is locally shortest.
 
-    Return its arrays, the spare arrays, and its number of pieces, -1 if the arrays are too small.
+    Return the arrays of the new path, the spare arrays, and the number of pieces, -1 if the arrays are too small.
     """
     turns[: count + 1] = NO_TURN
     made = _rebuild(half_edges, offsets, path, count, turns, work, spare, np.bool_(True))

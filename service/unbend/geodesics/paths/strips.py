@@ -1,11 +1,11 @@
 """The mesh as path searches use it, and the arrays of a path.
 
-Half-edge `3 f + i` lies opposite corner `i` of face `f` (`mesh.topology`). A *portal* is an edge that a path
-crosses: the half-edge by which it leaves one face and the half-edge by which it enters the next. A *strip* is the
-sequence of faces that a list of portals connects; it can be unfolded into the plane face by face. A path is a list of
-*pieces* between vertices, its *nodes*: a piece runs along one edge, or straight through a strip.
+Half-edge `3 f + i` lies opposite corner `i` of face `f` (`mesh.topology`). A *portal* is an edge that a path crosses:
+the half-edge by which the path leaves one face, and the half-edge by which it enters the next. A *strip* is the
+sequence of faces that a list of portals connects. It can be unfolded into the plane face by face. A path is a list of
+*pieces* between vertices, its *nodes*. Each piece runs along one edge or straight through a strip.
 
-The mesh need not be oriented: the two ends of a portal are distinguished by their vertices.
+The mesh need not be oriented, because the vertices distinguish the two ends of a portal.
 """
 
 from __future__ import annotations
@@ -21,56 +21,56 @@ from unbend.mesh.surface import Surface
 from unbend.mesh.topology import find_edges
 
 SHORTEST_PORTAL: Final = 1e-10
-"""An edge below this share of the mesh's extent is no portal: unfolding over it is accurate to less than six digits."""
+"""Paths do not cross edges below this share of the mesh's extent: unfolding over them loses too many digits."""
 
 HALF_EDGE: Final = np.dtype(
     [
         ("corner", np.int64),  # the vertex opposite
-        ("twin", np.int64),  # the next half-edge of the same edge, cyclically; -1 if no path can cross
-        ("after", np.int64),  # the half-edge opposite its first end
-        ("before", np.int64),  # the half-edge opposite its second end
+        ("twin", np.int64),  # the next half-edge of the same edge, cyclically; -1 if no path can cross the edge
+        ("after", np.int64),  # the half-edge of the same face opposite the first end
+        ("before", np.int64),  # the half-edge of the same face opposite the second end
         ("length", np.float64),
-        ("along", np.float64),  # its opposite corner, from the first end to the second, in units of the length
-        ("aside", np.float64),  # and at right angles to that
-        ("angle", np.float64),  # at the opposite corner
+        ("along", np.float64),  # coordinate of `corner` from the first end to the second, over `length`
+        ("aside", np.float64),  # distance of `corner` from the line of the edge, over `length`
+        ("angle", np.float64),  # angle at `corner`
     ]
 )
 PORTAL: Final = np.dtype([("exit", np.int64), ("entry", np.int64)])
 PIECE: Final = np.dtype(
     [
-        ("node", np.int64),  # its start; its end is the node of the next piece
-        ("start", np.int64),  # its first portal
-        ("edge", np.int64),  # a half-edge of the edge it runs along, -1 for a strip
-        ("fresh", np.int64),  # 1 if the last round changed it
+        ("node", np.int64),  # the vertex where the piece starts; it ends at the node of the next piece
+        ("start", np.int64),  # index of the first portal
+        ("edge", np.int64),  # a half-edge of the edge that the piece runs along, -1 for a strip
+        ("fresh", np.int64),  # 1 if the last round changed the piece
         ("length", np.float64),
-        ("head", np.float64),  # angle at the start, from the edge to the first end of its first exit to the piece
-        ("tail", np.float64),  # angle at the end, from the edge to the first end of its last entry to the piece
+        ("head", np.float64),  # angle at the start between the piece and the first end of the first portal's exit
+        ("tail", np.float64),  # angle at the end between the piece and the first end of the last portal's entry
     ]
 )
-POINT: Final = np.dtype(  # of an unfolded strip
+POINT: Final = np.dtype(  # a vertex of an unfolded strip
     [
         ("x", np.float64),
         ("y", np.float64),
         ("vertex", np.int64),
-        ("first", np.int64),  # first portal of which it is an end
+        ("first", np.int64),  # the first and the last portal with an end at this point
         ("last", np.int64),
-        ("parent", np.int64),  # the point before it on the shortest path to it
+        ("parent", np.int64),  # the previous point on the shortest path from the start to this point
     ]
 )
-ENDS: Final = np.dtype([("right", np.int64), ("left", np.int64)])  # a portal's points
+ENDS: Final = np.dtype([("right", np.int64), ("left", np.int64)])  # the points at the ends of a portal
 
 
 class StripMesh(NamedTuple):
     """Connectivity and intrinsic geometry of a surface, as arrays for kernels."""
 
     half_edges: NDArray[Any]  # (3 m,) of HALF_EDGE, lengths in units of `extent`
-    offsets: Ints  # (n + 1,) int32: start of each vertex' entries in `corners`
-    corners: Ints  # (3 m,) int32: half-edges opposite each vertex
+    offsets: Ints  # (n + 1,) int64: start of each vertex' entries in `corners`
+    corners: Ints  # (3 m,) int64: the half-edges opposite each vertex, vertex by vertex
     extent: float
 
 
 class Path(NamedTuple):
-    """Buffers for a path: its `pieces`, with one more for the last node, and their `portals`."""
+    """Buffers for a path: its `pieces`, with one more for the last node, and the `portals` of all pieces."""
 
     pieces: NDArray[Any]
     portals: NDArray[Any]
@@ -80,7 +80,7 @@ class Work(NamedTuple):
     """Scratch arrays for straightening."""
 
     strip: NDArray[Any]  # portals of the current strip
-    points: NDArray[Any]  # its unfolded vertices, from the start
+    points: NDArray[Any]  # the unfolded vertices of the strip, from the start
     ends: NDArray[Any]  # points at the ends of each portal
     deque: Ints  # the funnel, from its left end over its apex to its right end
     turns: Ints  # for each node of the path, the turn that shortens it
@@ -141,7 +141,7 @@ def _by_corner(half_edges, offsets):
 
 
 def path_arrays(mesh: StripMesh) -> Path:
-    """Allocate buffers for a path; the system provides memory only for pages that are used."""
+    """Allocate buffers for a path. The operating system provides memory only for pages that are used."""
     size = 2 * len(mesh.corners) + 64  # a path with more portals than half-edges is useless
     return Path(np.empty(size, PIECE), np.empty(size, PORTAL))
 

@@ -1,4 +1,4 @@
-"""Classification of a query: `classify` is the entry, `registry` lists the classifiers."""
+"""Classification of a query: `classify` is the main function, and `registry` lists the classifiers."""
 
 from unbend.matching.classification.classify import Classification, ClassMatch, classify
 from unbend.matching.classification.registry import CLASSIFIERS, DEFAULT_CLASSIFIER, get_classifier

@@ -1,7 +1,7 @@
 """Calibrated confidences and open-set rejection, and the constants of both.
 
 `benchmarks/retrieval/classification.py` chooses the constants on half of the classes of three data sets, reports on the
-other halves, and prints the table below. Run it after a measure has changed.
+other halves, and prints the table `CALIBRATIONS`. Run it after a measure has changed.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from unbend.matching.selection import smallest
 
 @dataclass(frozen=True)
 class Calibration:
-    """The constants of a measure. They apply to ratios of distances, so they do not depend on the unit."""
+    """The constants of a measure. They apply to ratios of distances, so they do not depend on units."""
 
     exponents: Mapping[str, float]
-    """For each classifier, the exponent with which confidence falls with the distance."""
+    """The exponent with which confidence falls with distance, for each classifier."""
     slack: float
-    """The largest ratio of a query's distance from a class to the members' distances from each other."""
+    """The largest ratio of a query's distance from a class to the distances between members (see `is_known`)."""
 
 
 CALIBRATIONS: Final[Mapping[str, Calibration]] = MappingProxyType(
@@ -48,37 +48,41 @@ def calibration_of(measure: str) -> Calibration:
 def confidences(dissimilarities: Floats, exponent: float) -> Floats:
     """Return the probability of each class, (..., n), from `dissimilarities` (..., n), finite and at least 0.
 
-    Probabilities are proportional to dissimilarity ^ -`exponent`, so only ratios count and the unit does not matter.
+    Probabilities are proportional to dissimilarity ^ -`exponent`, so they depend only on ratios, not on units.
     This inverse power was better calibrated than softmaxes of distances (`benchmarks/retrieval/classification.py`).
     Classes at dissimilarity 0 share the probability equally.
     """
     logarithms = -exponent * np.log(np.maximum(dissimilarities, np.finfo(float).tiny))
     shares = np.exp(logarithms - logarithms.max(axis=-1, keepdims=True))
-    # Sorted, because the rounding of a sum depends on the order, and the order of classes must not show.
+    # Sorted, because the rounding of a sum depends on the order, and results must not depend on the order of classes.
     total = np.sort(shares, axis=-1).sum(axis=-1, keepdims=True)
     return np.asarray(shares / total)
 
 
 _NEAR_MEMBERS: Final = 256
-"""The nearest members of a class that are considered, so that larger classes cost no more."""
+"""Most members of a class that are considered, the nearest ones, so that large classes take no more time."""
 
 _PROBES: Final = 32
-"""The members among them whose own nearest neighbours are searched."""
+"""Most of these members whose own nearest neighbours are searched."""
 
 
 def is_known(query: Query, code: int, slack: float) -> bool | None:
     """Return whether a query is near enough to a class to belong to it.
 
-    It is if its distance from the nearest member is at most `slack` times the mean distance of members from their
-    nearest neighbours in the class (Tax & Duin 2000 compare with a single neighbour's, Breunig et al. 2000 with
-    several'). None if the class has a single member, which has no such neighbour.
+    The query is near enough if its distance from the nearest member is at most `slack` times the mean distance of the
+    members from their nearest neighbours in the class. (Tax & Duin 2000 use the distance of a single member, Breunig et
+    al. 2000 those of several.) Return None if the class has a single member, which has no such neighbour.
 
-    Notes ----- The stricter rule, no farther than the farthest that a member is from the others, rejects one query in n
-    + 1 of a class of n members (it is a conformal prediction, Vovk et al. 2005), and a single outlier widens the class
-    for all queries. Accepting a query that is near any class, instead of the best, accepts nearly everything if one
-    class is wide. `benchmarks/retrieval/classification.py` measures how often a query of a class is rejected and one of
+    Notes
+    -----
+    Two other rules are worse. The first accepts a query if its distance from the nearest member is at most the largest
+    distance of a member from its own nearest neighbour. For a class of n members this conformal prediction (Vovk et al.
+    2005) rejects one in n + 1 of the class's queries, and a single outlier widens the class for all queries. The second
+    accepts a query that is near any class, not only the best class. It accepts nearly everything if one class is wide.
+
+    `benchmarks/retrieval/classification.py` measures how often a query of a class is rejected, and how often a query of
     no class is accepted. It chose the rule on half of the classes, by the least sum of both rates, and reports on the
-    others.
+    other half.
     """
     near, own = spacing(query, code)
     return bool(near <= slack * own.mean()) if len(own) else None
@@ -87,7 +91,7 @@ def is_known(query: Query, code: int, slack: float) -> bool | None:
 def spacing(query: Query, code: int) -> tuple[float, Floats]:
     """Return the query's distance to the nearest member of a class, and the members' nearest neighbour distances.
 
-    The members are those nearest to the query. The second array is empty if there are fewer than two.
+    Only the members nearest to the query are considered. The second array is empty if there are fewer than two.
     """
     members = np.flatnonzero(query.gallery.codes == code)
     near = members[smallest(query.distances[members], _NEAR_MEMBERS)]

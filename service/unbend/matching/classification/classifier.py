@@ -17,7 +17,7 @@ from unbend.matching.selection import nearest_of_each_class
 
 @dataclass(frozen=True)
 class Query:
-    """A vector to classify, and its distances to a gallery. Rows at an infinite distance are excluded."""
+    """A vector to classify, and its distances to a gallery. Rows at infinite distance are excluded."""
 
     gallery: Gallery
     measure: VectorMeasure
@@ -33,7 +33,7 @@ class Query:
 
     @cached_property
     def excluded(self) -> Indices:
-        """The labelled rows that are excluded."""
+        """The excluded rows that have a label."""
         return np.flatnonzero(~(self.distances < np.inf) & (self.gallery.codes >= 0))
 
 
@@ -41,9 +41,9 @@ class ClassScores(NamedTuple):
     """Two values for each class of a gallery; infinite for a class without members."""
 
     dissimilarities: Floats
-    """Values that order the classes and give the confidences, (classes,); at least 0, in any unit."""
+    """Values that determine the order of classes and the confidences, (classes,); at least 0, in any unit."""
     distances: Floats
-    """Distances that are reported to the user, (classes,)."""
+    """Distances that users see, (classes,)."""
 
 
 @dataclass(frozen=True)
@@ -53,4 +53,4 @@ class Classifier:
     name: str
     """The name by which callers choose the classifier."""
     score: Callable[[Query], ClassScores]
-    """Scores the classes; raises ParameterError if the gallery has too few labels."""
+    """Scores the classes, and raises ParameterError if the gallery has too few labels."""

@@ -21,19 +21,19 @@ class ClassMatch:
 
     label: str
     distance: float
-    """Distance from the query to the class. The classifier defines it: to the nearest member, or to the mean."""
+    """Distance from the query to the class, by the definition of the classifier, such as that to the nearest member."""
     confidence: float
-    """Probability, 0 to 1, that this is the query's class, provided that its class is in the library."""
+    """Probability, 0 to 1, that this is the query's class, provided that the library contains the query's class."""
 
 
 @dataclass(frozen=True)
 class Classification:
-    """All classes, best first, and whether the best is near enough."""
+    """All classes, best first, and whether the query is near enough to the best class."""
 
     matches: list[ClassMatch]
     """Equally good classes are in the order of their labels."""
     known: bool | None
-    """False if the query is too far from the best class to belong to it; None if that cannot be decided."""
+    """False if the query is too far from the best class to belong to it. None if that class has a single member."""
 
 
 def classify(
@@ -43,28 +43,28 @@ def classify(
     distances: Floats,
     classifier: str = DEFAULT_CLASSIFIER,
 ) -> Classification:
-    """Order the classes of `gallery` by how likely `query` belongs to each.
+    """Sort the classes of `gallery` by the probability that `query` belongs to them.
 
     Parameters
     ----------
     gallery : Gallery
-        What a classifier learns is cached per gallery object, so pass the same object for further queries.
+        Learned models are cached per gallery object, so pass the same object for further queries.
     measure : VectorMeasure
     query : (d,) float32
     distances : (n,) float64
-        From the query to each row of the gallery under `measure`. Rows at an infinite distance are excluded: set
-        removed rows to infinity, and the row of the query itself if it is stored.
+        Distances from the query to each row of the gallery under `measure`. Rows at infinite distance are excluded. Use
+        this for removed rows, and for the row of the query itself if it is stored.
     classifier : str, default "nearest"
 
     Returns
     -------
     Classification
-        All classes with a member; none if nothing has a label.
+        All classes that have a member; none if no row has a label.
 
     Raises
     ------
     ParameterError
-        If there is no such classifier, it needs more labels, or the number of distances differs from that of rows.
+        If there is no such classifier, the classifier needs more labels, or there is not one distance for each row.
     """
     chosen = get_classifier(classifier)
     if distances.shape != (len(gallery),):

@@ -1,4 +1,4 @@
-"""Regularised linear discriminants: distances to class means under the shrunk common covariance of the members."""
+"""Regularised linear discriminants: distances to class means under the shrunk common covariance of all classes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unbend.matching.classification.means import ClassMeans, class_means, labell
 from unbend.matching.gallery import Gallery, cached_per_gallery
 
 MIN_MEMBERS: Final = 2
-"""The fewest labelled shapes per class, on average: a single member does not show how members differ."""
+"""Least mean number of labelled shapes per class. A single member does not show how members differ."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class _Model:
     axes: Floats
     """(d, d), one axis per column."""
     scatter: Floats
-    """Sums of squared differences between members and their class means along the axes, (d,)."""
+    """Sums of squared differences between members and their class means, along each axis, (d,)."""
     classes: ClassMeans
-    """Counts and means, with coordinates along the axes."""
+    """Counts and means, in coordinates along the axes."""
 
 
 @cached_per_gallery
@@ -46,8 +46,8 @@ def _fit(gallery: Gallery) -> _Model:
 def _score(query: Query) -> ClassScores:
     """Return the Mahalanobis distance to each class mean, under the common covariance of the members.
 
-    Excluded rows, such as a stored query's own, are subtracted from the means and the scatter. All classes have the
-    same prior probability, because the number of stored shapes says nothing about which queries come.
+    Excluded rows, such as that of a stored query, are subtracted from the means and the scatter. All classes have the
+    same prior probability, because the number of stored shapes does not tell how likely queries of a class are.
     """
     gallery = query.gallery
     _check_labels(
@@ -97,15 +97,14 @@ class ShrunkCovariance:
         ----------
         scatter : (d,) float64
         removed : (d, k) float64
-            The contribution to S of samples that are now excluded. Subtracting it keeps the axes as they are.
+            The contribution to S of samples that are excluded. Its subtraction does not change the axes.
         degrees_of_freedom : int
-            The number of samples minus the number of means that were subtracted from them.
+            The number of samples minus the number of means subtracted from them.
 
         Notes
         -----
-        The shrinkage is that of the oracle approximating estimator (Chen et al. 2010, eq. 23). It needs only two
-        traces, so it is exactly that of the remaining samples. If these do not differ at all, the data says nothing
-        about axes, and the result is the identity.
+        The shrinkage is that of the oracle approximating estimator (Chen et al. 2010, eq. 23). It depends only on two
+        traces, so it is exact for the remaining samples. If these do not differ at all, the result is the identity.
         """
         dimension = len(scatter)
         trace = float(scatter.sum() - (removed**2).sum())

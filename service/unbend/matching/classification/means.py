@@ -1,4 +1,4 @@
-"""Class means, and the classifier that takes the nearest of them."""
+"""Class means, and the classifier that chooses the nearest class mean."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unbend.matching.classification.classifier import Classifier, ClassScores, Q
 from unbend.matching.gallery import Gallery, cached_per_gallery
 
 _BLOCK_ROWS: Final = 1 << 16
-"""Rows that are converted to double precision at a time: 80 MB in 160 dimensions."""
+"""Number of rows that are converted to double precision at once: 80 MB in 160 dimensions."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ClassMeans:
     """(classes, d); infinite for a class without members."""
 
     def without(self, vector: Floats, code: int) -> Self:
-        """Return the counts and means after one member is removed."""
+        """Return the counts and means after the removal of one member."""
         counts, means = self.counts.copy(), self.means.copy()
         counts[code] -= 1
         means[code] = means[code] + (means[code] - vector) / counts[code] if counts[code] else np.inf
@@ -76,4 +76,4 @@ def _score(query: Query) -> ClassScores:
 
 
 MEAN: Final = Classifier("mean", _score)
-"""The nearest class mean (Hastie et al. 2009, section 4.3), here under the measure's own distance."""
+"""The class of the nearest mean (Hastie et al. 2009, section 4.3), under the distance of the measure."""

@@ -20,6 +20,6 @@ DEFAULT_CLASSIFIER: Final = NEAREST.name
 
 
 def get_classifier(name: str) -> Classifier:
-    """Return the classifier called `name`; if there is none, ParameterError lists the names."""
+    """Return the classifier called `name`, or raise ParameterError, which lists the names."""
     check_choice("classifier", name, CLASSIFIERS)
     return CLASSIFIERS[name]

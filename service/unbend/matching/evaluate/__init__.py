@@ -1,4 +1,4 @@
-"""Evaluation of retrieval: metrics, precision over recall, confusions and the separation of classes."""
+"""Evaluation of retrieval: metrics, precision over recall, confusion matrices and the separation of classes."""
 
 from unbend.matching.evaluate.evaluation import ClassMetrics, Evaluation, evaluate
 from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics

@@ -14,7 +14,7 @@ from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
 
 _MAX_CONFUSION_CLASSES: Final = 1000
-"""The most classes whose confusion matrix `as_dict` includes: its size is the square of that."""
+"""Most classes for which `as_dict` includes the confusion matrix, whose size is the square of the number of classes."""
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,14 @@ class ClassMetrics:
     queries: int
     """The number of queries, including those without a signature."""
     members: int
-    """Shapes of the class in the gallery, including a query that is left out."""
+    """The number of shapes of the class in the gallery, including queries that are left out of their own ranking."""
     accuracy: float
     """The share of queries whose nearest shape belongs to this class. A query without a signature counts as wrong."""
     metrics: RetrievalMetrics | None
     """None if no query with a signature has another shape of the class in the gallery."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values. The metrics are fields of the same object; they are None if there are none."""
+        """Return plain JSON values. Metrics are fields of the same object, and None if there are none."""
         counts = {name: getattr(self, name) for name in ("label", "queries", "members", "accuracy")}
         return counts | _metrics_as_dict(self.metrics)
 
@@ -42,20 +42,20 @@ class Evaluation:
     """The results of ranking a gallery for each of several queries."""
 
     metrics: RetrievalMetrics | None
-    """Means over the queries whose class has another shape in the gallery; None if there are none."""
+    """Means over the queries whose class has another shape in the gallery; None if there are no such queries."""
     accuracy: float
     """The share of all queries whose nearest shape belongs to their class."""
     queries: int
     """The number of queries, including unanswered ones."""
     unanswered: int
-    """The number of queries without a signature. They count as wrong in `accuracy` and are left out elsewhere."""
+    """The number of queries without a signature. They count as wrong in `accuracy`; the metrics ignore them."""
     precision_recall: PrecisionRecall
     classes: tuple[ClassMetrics, ...]
     """The classes of the queries, in the order of `labels`."""
     labels: tuple[str, ...]
     """Every class of a query or of the gallery, sorted."""
     query_classes: Codes
-    """Index into `labels` of the class of each answered query, (q,). The arrays below have the same rows."""
+    """Index into `labels` of the class of each answered query, (q,). The following arrays have the same rows."""
     nearest_classes: Codes
     """Index into `labels` of the class of the nearest shape, (q,)."""
     nearest: Indices
@@ -65,7 +65,7 @@ class Evaluation:
 
     @property
     def confusion(self) -> Indices:
-        """Counts of queries by class (row) and by class of the nearest shape (column), as in `labels`, (k, k)."""
+        """Counts of queries by class (row) and class of the nearest shape (column), ordered as `labels`, (k, k)."""
         size = len(self.labels)
         pairs = self.query_classes.astype(np.int64) * size + self.nearest_classes
         return np.bincount(pairs, minlength=size * size).reshape(size, size)
@@ -109,8 +109,8 @@ def evaluate(
     """Rank the gallery for every query and average the metrics.
 
     Shapes at equal distances are ranked in the order of their rows. Queries whose class has no other shape in the
-    gallery have nothing to retrieve. They are left out of the metrics and of precision over recall, and count as
-    wrong in `accuracy`.
+    gallery have nothing to retrieve. They are left out of the metrics and of precision over recall, but count as wrong
+    in `accuracy`.
 
     Parameters
     ----------
@@ -118,16 +118,17 @@ def evaluate(
         Row i has the distances from query i to the gallery.
     query_labels, gallery_labels : sequences of q and n str
     own : (q,) int64, optional
-        For leave-one-out, the row of the gallery that is each query itself. This row is left out and its distance
-        ignored. By default no query is in the gallery.
+        For leave-one-out: the row of the gallery that is the query itself. This row is left out of the query's ranking.
+        By default no query is in the gallery.
     unanswered : sequence of str
-        Classes of further queries without a signature, which count as wrong.
+        Classes of further queries, which have no signature and count as wrong.
 
     Raises
     ------
     ParameterError
-        If sizes do not match, a distance is NaN, there is no query or no gallery; UnsuitedError, with `own`, if no
-        class has two members, because then there is nothing to retrieve.
+        If sizes do not match, a distance is NaN, or there is no query or no gallery.
+    UnsuitedError
+        With `own`, if no class has two members, because then there is nothing to retrieve.
 
     References
     ----------
@@ -194,9 +195,9 @@ def _check(distances: Floats | Singles, codes: tuple[Codes, Codes, Codes], own: 
 
 def _check_own(own: Indices, queries: Codes, gallery: Codes) -> None:
     if own.shape != queries.shape or ((own < 0) | (own >= len(gallery))).any():
-        raise ParameterError(f"own must be a row of the gallery (0 to {len(gallery) - 1}) for each of the queries")
+        raise ParameterError(f"own must be a row of the gallery (0 to {len(gallery) - 1}) for each query")
     if (gallery[own] != queries).any():
-        raise ParameterError(f"query {np.flatnonzero(gallery[own] != queries)[0]} is of another class in the gallery")
+        raise ParameterError(f"query {np.flatnonzero(gallery[own] != queries)[0]} has another class in the gallery")
     if not (np.bincount(gallery)[queries] > 1).any():
         raise UnsuitedError("no class has two members: there is nothing to retrieve")
 

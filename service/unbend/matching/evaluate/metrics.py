@@ -15,29 +15,29 @@ from unbend.arrays import Floats, Ints
 _E_MEASURE_RANK: Final = 32
 
 RECALL_LEVELS: Final = 20
-"""Recall of 1/20, 2/20 ... 1, as in psbPlot. At recall 0 there is no precision."""
+"""Number of levels: recall of 1/20, 2/20 ... 1, as in psbPlot. At recall 0 there is no precision."""
 
 
 @dataclass(frozen=True)
 class RetrievalMetrics:
-    """Means over queries; each is 1 if every query's class comes first."""
+    """Means over queries. All except `e` are 1 if every query's class comes first."""
 
     nn: float
     """Nearest neighbour: the share of queries whose nearest shape belongs to their class."""
     ft: float
-    """First tier: the share of the class (C members without the query) among the C nearest."""
+    """First tier: the share of the class, which has C members besides the query, that is among the C nearest."""
     st: float
-    """Second tier: the share of the class among the 2 C nearest."""
+    """Second tier: the share of the class that is among the 2 C nearest."""
     e: float
     """E-measure: the harmonic mean of precision and recall among the 32 nearest."""
     dcg: float
-    """Discounted cumulative gain, divided by that of the ideal ranking."""
+    """Discounted cumulative gain, divided by the gain of the ideal ranking."""
     map: float
     """Mean average precision."""
 
     @classmethod
     def mean(cls, rows: Floats) -> Self | None:
-        """Return the means of the queries' metrics, (q, 6), without rows of NaN; None if all rows are NaN."""
+        """Return the means of the metrics of queries, (q, 6), without rows of NaN; None if all rows are NaN."""
         rows = rows[~np.isnan(rows[:, 0])]
         return cls(*rows.mean(axis=0).tolist()) if len(rows) else None
 
@@ -79,9 +79,9 @@ def _gain(ranks: Ints) -> Floats:
 class PrecisionRecall:
     """Mean precision at levels of recall, over the queries that have a precision there.
 
-    A query whose class has c members has a precision at recall 1/c, 2/c ... 1. Between those it is interpolated
-    linearly; below 1/c it is undefined. Levels at which no query has a precision are left out, so low levels describe
-    large classes only.
+    A query whose class has c members has a precision at recall 1/c, 2/c ... 1. Between these levels precision is
+    interpolated linearly. Below 1/c it is undefined. Levels at which no query has a precision are left out, so low
+    levels describe only large classes.
     """
 
     recall: tuple[float, ...]
@@ -89,7 +89,7 @@ class PrecisionRecall:
 
     @classmethod
     def mean(cls, rows: Floats) -> Self:
-        """Return the mean of the queries' precisions, (q, RECALL_LEVELS), ignoring NaN."""
+        """Return the mean of the precisions of queries, (q, RECALL_LEVELS), ignoring NaN."""
         defined = ~np.isnan(rows)
         counts = defined.sum(axis=0)
         levels = np.flatnonzero(counts)
@@ -107,7 +107,7 @@ def rank_precision(ranks: Ints) -> Floats:
     """
     size = ranks.shape[1]
     precision = np.arange(1, size + 1) / ranks
-    # A level is reached by the k-th of c members for k = level * c / 20, which lies between two integers.
+    # The k-th of c members reaches a level if k = level * c / 20, which lies between two integers.
     below, remainder = np.divmod(np.arange(1, RECALL_LEVELS + 1) * size, RECALL_LEVELS)
     share = remainder / RECALL_LEVELS
     lower = precision[:, np.maximum(below - 1, 0)]

@@ -1,4 +1,4 @@
-"""The metrics of each single query: all follow from the ranks of the members of its class."""
+"""The metrics of each single query, computed from the ranks of the members of its class."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from unbend.arrays import Codes, Floats, Indices, Singles
 from unbend.errors import ParameterError
 from unbend.matching.evaluate.metrics import RECALL_LEVELS, RetrievalMetrics, rank_metrics, rank_precision
 
-_BLOCK: Final = 1 << 20  # distances that are sorted at a time: some megabytes
+_BLOCK: Final = 1 << 20  # number of distances that are sorted at once: some megabytes
 
 
 @dataclass(frozen=True)
 class Scores:
-    """A row for each query; NaN if the gallery has no other member of its class."""
+    """One row for each query. Metrics and precision are NaN if the gallery has no other member of its class."""
 
     metrics: Floats
     """(q, 6), in the order of the fields of `RetrievalMetrics`."""
@@ -36,7 +36,7 @@ def score(distances: Floats | Singles, queries: Codes, gallery: Codes, own: Indi
     queries, gallery : (q,) and (n,) int32
         Classes.
     own : (q,) int64, optional
-        Row of the gallery that is the query itself; it is left out.
+        Row of the gallery that is the query itself, which is left out of the ranking.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def score(distances: Floats | Singles, queries: Codes, gallery: Codes, own: Indi
         order = _order(distances, rows, own)
         nearest[rows] = order[:, 0]
         relevant = gallery[order] == queries[rows[0]]
-        # A block has queries of one class, so all have the same number of relevant shapes.
+        # All queries in a block have one class, so they have the same number of relevant shapes.
         ranks = np.nonzero(relevant)[1].reshape(len(rows), -1) + 1
         if ranks.size:
             metrics[rows], precision[rows] = rank_metrics(ranks), rank_precision(ranks)
@@ -67,7 +67,7 @@ def _blocks(codes: Codes, length: int) -> Iterator[Indices]:
 
 
 def _order(distances: Floats | Singles, rows: Indices, own: Indices | None) -> Indices:
-    """Return the rows of the gallery without the query's own, nearest first; ties keep their order."""
+    """Return the rows of the gallery without the query itself, nearest first. Ties keep their order."""
     block = distances[rows]
     if own is not None:
         others = np.arange(block.shape[1]) != own[rows, None]

@@ -17,13 +17,13 @@ class Clusters:
     """Separation of classes under a measure: Fig. 8 as numbers."""
 
     nearest: float | None
-    """The share of shapes whose nearest other shape belongs to their class, of those whose class has another member."""
+    """The share of shapes whose nearest other shape is of their class. Shapes alone in their class are left out."""
     ratio: float | None
-    """The mean distance between classes over that within classes. None if either is missing or the latter is 0."""
+    """The mean distance between classes over the mean distance within classes. None if that is undefined."""
 
 
 def clusters(distances: Floats, labels: Sequence[str]) -> Clusters:
-    """Return the separation under `distances` (n, n) between shapes of the classes `labels`."""
+    """Return the separation of the classes `labels` of n shapes under their `distances` (n, n)."""
     names = np.array(labels)
     same, other = names[:, None] == names, ~np.eye(len(names), dtype=bool)
     within, between = distances[same & other], distances[~same]
@@ -60,15 +60,15 @@ def separation(vectors: Mapping[str, Floats], labels: Sequence[str]) -> Separati
     Parameters
     ----------
     vectors : mapping of str to (n, m, d) float64
-        For each method: the vectors of the n shapes in 1 to m dimensions.
+        The vectors of the n shapes in 1 to m dimensions, for each method.
     labels : sequence of str, (n,)
-        Classes; those of a single shape are left out, because they have no variance.
+        Classes. Classes with a single shape are left out, because they have no variance.
 
     Returns
     -------
     Separation
         Natural logarithms of the squared distance between two classes' means over the sum of their variances (Fig. 5).
-        A variance of 0 counts as a millionth of a millionth of the squared distance.
+        A variance of 0 is replaced by 1e-12 times the squared distance.
     """
     names = np.array(labels)
     members = {label: names == label for label in dict.fromkeys(labels)}

@@ -1,4 +1,4 @@
-"""Distances between signatures: `vectors` and `pairs` define the measures, `registry` lists them."""
+"""Measures, which are distances between signatures: `vectors` and `pairs` define them, `registry` lists them."""
 
 from unbend.matching.measures.protocol import Measure, PairMeasure, VectorMeasure
 from unbend.matching.measures.registry import (

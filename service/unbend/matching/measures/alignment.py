@@ -16,18 +16,18 @@ from unbend.signature.signature import Signature
 
 @dataclass(frozen=True)
 class Search:
-    """The effort of the search for the best pose; benchmarks/retrieval/rerank.py compares it with a wider search."""
+    """The effort of the search for the best pose. benchmarks/retrieval/rerank.py compares it with a wider search."""
 
     markers: int = 32
-    """Points, far from each other, that represent a form while there are many poses."""
+    """Number of points, far from each other, that represent a form while there are many poses."""
     kept: int = 24
-    """Poses kept while axes are added."""
+    """Number of poses that are kept while axes are added."""
     marker_steps: int = 5
-    """Refinement steps by markers before the best poses are chosen. They need not converge."""
+    """Refinement steps with markers before the best poses are chosen. They need not converge."""
     refined: int = 2
-    """Poses refined by all points afterwards."""
+    """Number of poses that are then refined with all points."""
     steps: int = 100
-    """Most refinement steps by all points; about seven are usual."""
+    """Most refinement steps with all points. Usually about seven are made."""
 
 
 _SEARCH: Final = Search()
@@ -35,7 +35,7 @@ _SEARCH: Final = Search()
 
 @dataclass(frozen=True)
 class Residuals:
-    """Distances from the points of each of two aligned forms to the nearest point of the other, and the weights."""
+    """The distances from the points of each of two aligned forms to the nearest point of the other, and the weights."""
 
     distances: tuple[Floats, Floats]
     weights: tuple[Floats, Floats]
@@ -44,18 +44,18 @@ class Residuals:
 @dataclass(frozen=True)
 class _Form:
     points: Floats
-    """(k, m): centred, with axes by falling second moments, of root mean square radius 1. Their order does not depend
-    on that of the samples."""
+    """(k, m): centred, along the principal axes, with root mean square radius 1. The order of the points does not
+    depend on the order of the samples."""
     weights: Floats
     markers: Codes
     marker_weights: Floats
-    """Weight of the points nearest to each marker."""
+    """Total weight of the points nearest to each marker."""
 
     def to_bytes(self) -> bytes:
         return self.points.tobytes() + self.weights.tobytes()
 
     def sort_key(self) -> tuple[float, bytes]:
-        """Return the fourth moment, which does not depend on the pose, and the bytes to break ties."""
+        """Return the fourth moment, which does not depend on the pose, and the bytes, which break ties."""
         return float((self.weights * (self.points**2).sum(axis=1) ** 2).sum()), self.to_bytes()
 
     def first_axes(self, axes: int) -> Floats:
@@ -64,16 +64,16 @@ class _Form:
 
 
 def align(a: Signature, b: Signature, search: Search = _SEARCH) -> list[Residuals]:
-    """Align the canonical forms of `a` and `b`, and return the residual distances in the best few poses found.
+    """Align the canonical forms of `a` and `b`, and return the residual distances in the best few poses.
 
     Forms are scaled to a root mean square radius of 1, so the result depends neither on their scale nor on
-    `Parameters.scaling`. Points are sorted before sums are taken, and the content of the forms decides which one
-    moves. So neither the order of the samples nor that of the arguments changes a bit of the result.
+    `Parameters.scaling`. Points are sorted before they are summed, and the content of the forms decides which form
+    moves. So the result is exactly the same for any order of the samples and of the arguments.
 
-    The search starts by aligning principal axes. It tries the first three in all orders and with all signs. It tries
-    each further axis with both signs, both in its own place and swapped with the axis before it, because axes of
-    nearly equal moments may come in either order. The best poses by the markers are refined, and then the best of
-    these by all points (`unbend.matching.measures.icp`).
+    The search first aligns principal axes. It tries the first three in all orders and with all signs. It tries each
+    further axis with both signs, both in its own place and swapped with the previous axis, because axes of nearly equal
+    moments may come in either order. The best poses are refined with markers, and the best of these with all points
+    (`unbend.matching.measures.icp`).
     """
     first, second = sorted((_form(a, search.markers), _form(b, search.markers)), key=_Form.sort_key)
     weights = first.weights, second.weights
@@ -94,7 +94,7 @@ def _poses(first: _Form, second: _Form, axes: int, search: Search) -> Floats:
 
 
 def _best(motions: Floats, steps: int, count: int, first: _Form, second: _Form, *, all_points: bool = False) -> Floats:
-    """Refine motions, which may move only the first few axes, and return the `count` of least cost."""
+    """Refine motions, which may have only the first few axes, and return the `count` motions of least cost."""
     sides = [
         (points, np.arange(len(points), dtype=np.int32), form.weights)
         if all_points
@@ -119,7 +119,7 @@ def _initial_motions() -> Floats:
 
 
 def _with_one_more_axis(motions: Floats) -> Floats:
-    """Return four motions with one more axis for each of `motions` (n, m, m + 1)."""
+    """Return, for each of `motions` (n, m, m + 1), four motions with one more axis."""
     axes = motions.shape[1]
     wider = np.insert(np.pad(motions, ((0, 0), (0, 1), (0, 0))), axes, 0.0, axis=2)
     variants = []
@@ -135,7 +135,7 @@ def _form(signature: Signature, markers: int) -> _Form:
     order = np.lexsort((signature.weights, *signature.points.T))
     points, weights = signature.points[order], signature.weights[order]
     centred = points - (weights[:, None] * points).sum(axis=0)
-    # einsum instead of @, because BLAS may split a sum among threads and so round it differently
+    # einsum instead of @, because BLAS may split a sum among threads and then round it differently
     _, axes = np.linalg.eigh(np.einsum("ki,kj->ij", weights[:, None] * centred, centred))
     turned = np.einsum("ki,ij->kj", centred, axes[:, ::-1])
     radius = np.sqrt((weights[:, None] * turned**2).sum())

@@ -1,6 +1,6 @@
 """Kernels of the iterative closest point method (Besl & McKay 1992), symmetric and with reflections.
 
-A motion x -> R x + t is an array (m, m + 1): R is orthogonal and may be a reflection; t is the last column.
+A motion x -> R x + t is an array (m, m + 1). R is orthogonal and may be a reflection. t is the last column.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from unbend.jit import kernel
 
 MIN_AXES: Final = 3
-"""The fewest coordinates that points may have; pad with zeros."""
+"""Least number of coordinates of points. Callers pad with zeros."""
 
 _TOLERANCE: Final = 1e-3
 """Iterations stop when a step lowers the cost by less than this share of it."""
@@ -22,13 +22,13 @@ _TOLERANCE: Final = 1e-3
 def refine(motions, steps, a, rows_a, weights_a, b, rows_b, weights_b):
     """Improve each of `motions` (n, m, m + 1) of form `a` onto form `b`, in place, and return their costs, (n,).
 
-    The cost is the weighted mean squared distance from points to the nearest point of the other form, summed over
-    both directions. A step pairs nearest points in both directions, then finds the motion of least cost for these
-    pairs. Neither half raises the cost. The last of `steps` only pairs, so one step returns the cost of the motion
-    as it is.
+    The cost is the weighted mean squared distance from points to the nearest point of the other form, summed over both
+    directions. A step pairs nearest points in both directions, then finds the motion of least cost for these pairs.
+    Neither half of a step raises the cost. The last of `steps` only pairs points, so a single step returns the cost of
+    the unchanged motion.
 
-    Forms are (k, m), centred. The indices `rows_a`, `rows_b` (n,) choose the points that are paired with their
-    nearest, and `weights_a`, `weights_b` (n,), of sum 1, weight them.
+    Forms are (k, m), centred. The indices `rows_a` and `rows_b` choose the points that are paired with their nearest
+    point. `weights_a` and `weights_b`, which sum to 1, are the weights of these points.
     """
     single_a, single_b = _axis_by_axis(a), _axis_by_axis(b)
     costs = np.empty(len(motions))
@@ -45,9 +45,9 @@ def residuals(motion, a, b):
 
 @kernel
 def farthest_points(points, start, count):
-    """Sample `count` points: `start`, then always the point that is farthest from those before it.
+    """Sample `count` points: `start`, then repeatedly the point that is farthest from all previous ones.
 
-    Returns the indices of the sample, (count,), and for each point the place in the sample of the nearest, (k,).
+    Return the indices of the samples, (count,), and for each point the number of its nearest sample, (k,).
     """
     chosen, nearest = np.zeros(count, np.int32), np.zeros(len(points), np.int32)
     least = np.full(len(points), np.inf)
@@ -83,7 +83,7 @@ def _icp(motion, steps, a, single_a, rows_a, weights_a, b, single_b, rows_b, wei
 
 @kernel
 def _axis_by_axis(points):
-    """Return the points (k, m) as (m, k) in single precision, which suffices for finding the nearest."""
+    """Return the points (k, m) as (m, k) in single precision, which is enough to find nearest points."""
     turned = np.empty((points.shape[1], points.shape[0]), np.float32)
     for i in range(points.shape[0]):
         for axis in range(points.shape[1]):
@@ -121,11 +121,11 @@ def _inverse(motion):
 
 @kernel
 def _nearest(queries, points):
-    """Return the nearest of `points` (m, k) to each of `queries` (m, n); ties go to the first.
+    """Return the index of the nearest of `points` (m, k) for each of `queries` (m, n), the first one of ties.
 
     The outer loop runs over points, so that the inner loops over queries compile to vector instructions. For some
-    hundred points that is faster than a search tree. One loop handles the first three coordinates, which are mostly
-    all there are.
+    hundred points this is faster than a search tree. One loop handles the first three coordinates together, because
+    most forms have no others.
     """
     count = queries.shape[1]
     x, y, z = queries[0], queries[1], queries[2]
@@ -188,8 +188,8 @@ def _add_pairs(sums, motion, a, rows_a, b, rows_b, weights):
 def _fit_motion(motion, sums):
     """Set `motion` to the least squares motion of the pairs summed in `sums` (Kabsch 1976; Umeyama 1991).
 
-    With H = U S V^T the covariance of y and x, R = U V^T maximises tr(R^T H) over all orthogonal matrices. Its
-    determinant is not checked, because reflections are allowed.
+    If H = U S V^T is the covariance of y and x, then R = U V^T maximises tr(R^T H) over all orthogonal matrices. The
+    sign of its determinant is not checked, because reflections are allowed.
     """
     axes = len(motion)
     total = sums[axes, axes]

@@ -1,7 +1,7 @@
 """The measures that need two whole signatures: distances between aligned canonical forms, and between Reeb graphs.
 
-A new one is a `PairMeasure` here, listed in `unbend.matching.measures.registry`. All are invariant to bending,
-rotation, reflection and scale. Aligning forms takes milliseconds per pair, and matching Reeb graphs about one.
+To add a measure, define a `PairMeasure` here and list it in `unbend.matching.measures.registry`. All are invariant to
+bending, rotation, reflection and scale. Alignment takes some milliseconds per pair, matching of Reeb graphs about one.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from unbend.signature.signature import Signature
 def rigid_distance(a: Signature, b: Signature) -> float:
     """Return the root mean square distance between two aligned canonical forms.
 
-    This is the square root of the mean by area, in both directions, of the squared distances from points to the
-    nearest point of the other form. Iterative closest points search for its minimum over rotations, reflections
-    and translations. The unit is the forms' root mean square radius.
+    The mean is over area and both directions, and a point's distance is that to the nearest point of the other form.
+    The iterative closest point method searches for the minimum over rotations, reflections and translations. The unit
+    is the forms' root mean square radius.
     """
     return min(root_mean_square(pose) for pose in align(a, b))
 
 
 def root_mean_square(pose: Residuals) -> float:
-    """Return the root of the mean of both directions' mean squared distances, by area."""
+    """Return the root mean square of the distances in both directions, weighted by area."""
     squares = [float((weights * d**2).sum()) for weights, d in zip(pose.weights, pose.distances, strict=True)]
     return float(np.sqrt(sum(squares) / 2))
 
@@ -35,16 +35,16 @@ def root_mean_square(pose: Residuals) -> float:
 def hausdorff_distance(a: Signature, b: Signature) -> float:
     """Return the modified Hausdorff distance between two canonical forms, aligned as for `rigid_distance`.
 
-    This is the larger of both directions' mean distances, by area, from points to the nearest point of the other form
-    (Dubuisson & Jain 1994). The Hausdorff distance takes the farthest point instead of the mean, and that is often a
-    single misplaced sample (benchmarks/retrieval/rerank.py compares both). The unit is the forms' root mean square
-    radius. In the same pose it never exceeds the Hausdorff distance.
+    For each direction, take the mean distance, weighted by area, from the points to the nearest point of the other
+    form; the result is the larger mean (Dubuisson & Jain 1994). The Hausdorff distance uses the farthest point instead
+    of the mean, which is often a single misplaced sample (benchmarks/retrieval/rerank.py compares both). In the same
+    pose the result never exceeds the Hausdorff distance. The unit is the forms' root mean square radius.
     """
     return min(larger_mean(pose) for pose in align(a, b))
 
 
 def larger_mean(pose: Residuals) -> float:
-    """Return the larger of both directions' mean distances, by area."""
+    """Return the larger of the mean distances, weighted by area, in both directions."""
     return max(float((weights * d).sum()) for weights, d in zip(pose.weights, pose.distances, strict=True))
 
 
@@ -58,12 +58,12 @@ def max_hausdorff_distance(a: Signature, b: Signature) -> float:
 
 
 def farthest(pose: Residuals) -> float:
-    """Return the largest distance in either direction."""
+    """Return the largest distance in both directions."""
     return max(float(distances.max()) for distances in pose.distances)
 
 
 RIGID: Final = PairMeasure("rigid", rigid_distance)
-"""Iterative closest points (Besl & McKay 1992) of canonical forms, as Elad & Kimmel 2003 propose."""
+"""The distance after iterative closest points (Besl & McKay 1992), as Elad & Kimmel 2003 propose."""
 
 HAUSDORFF: Final = PairMeasure("hausdorff", hausdorff_distance)
 """The modified Hausdorff distance (Dubuisson & Jain 1994) of aligned canonical forms."""

@@ -1,6 +1,6 @@
 """The types of measures.
 
-Every measure is symmetric, zero between equal signatures, and depends only on the two signatures.
+Every measure is symmetric, is zero for equal signatures, and depends only on the two signatures.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ class Measure(Protocol):
 
 @dataclass(frozen=True)
 class VectorMeasure:
-    """A distance between vectors that signatures carry: the sum of absolute differences (L1).
+    """A distance between vectors made from descriptors: the sum of absolute differences (L1).
 
-    A single large difference affects L1 less than L2. Several descriptors with fixed weights make one vector,
-    because the sum of their weighted distances is the distance between their weighted vectors. Vectors have single
-    precision, so that a million of them fit in memory; geodesic distances are no more precise than that.
+    A single large difference affects L1 less than L2. Several descriptors, each with a fixed weight, are concatenated
+    to one vector, because the sum of their weighted distances is the distance between the weighted vectors. Vectors
+    have single precision, so that a million of them fit in memory. Geodesic distances are no more precise than that.
     """
 
     name: str
     parts: tuple[tuple[str, float], ...]
-    """The descriptors that make up the vector: the name and weight of each."""
+    """Names and weights of the descriptors in the vector."""
 
     def vector(self, descriptors: Mapping[str, Floats]) -> Singles:
         """Return the vector, (d,), of a signature with these descriptors."""
@@ -66,7 +66,7 @@ class VectorMeasure:
 
 @dataclass(frozen=True)
 class SquaredMeasure(VectorMeasure):
-    """The sum of squared differences of a measure's vectors: for moments, the paper's D_M (section 2.3)."""
+    """The sum of squared differences between vectors. For moments this is the paper's D_M (section 2.3)."""
 
     def distances(self, query: Singles, gallery: Singles) -> Floats:
         """Return the squared L2 distance from `query` (d,) to each row of `gallery` (n, d), as (n,)."""
@@ -81,9 +81,9 @@ def squared(measure: VectorMeasure) -> SquaredMeasure:
 
 @dataclass(frozen=True)
 class PairMeasure:
-    """A distance that needs both whole signatures.
+    """A distance that needs two whole signatures.
 
-    It is too expensive for a whole library, so it only reranks a short list.
+    It is too expensive to search a whole library, so it only reranks a short list.
     """
 
     name: str

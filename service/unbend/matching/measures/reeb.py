@@ -13,7 +13,7 @@ from unbend.descriptors.reeb import LEVELS, ReebGraph
 from unbend.signature.signature import Signature
 
 _AREA_WEIGHT: Final = 0.5
-"""Weight of areas; lengths have the rest (Hilaga et al., section 4)."""
+"""Weight of areas. Lengths have the remaining weight (Hilaga et al., section 4)."""
 
 
 @dataclass(frozen=True)
@@ -22,19 +22,19 @@ class _Node:
 
     interval: int
     area: float
-    """Share of the surface, over the number of resolutions."""
+    """Share of the surface's area, divided by the number of resolutions."""
     length: float
-    """Share of the lengths of all nodes of this resolution, over the number of resolutions."""
+    """Share of the total length of all nodes of this resolution, divided by the number of resolutions."""
     children: tuple[_Node, ...]
 
 
 def reeb_distance(a: Signature, b: Signature) -> float:
     """Return 1 minus the similarity of two Reeb graphs, 0 to 1.
 
-    Nodes are matched from the coarsest resolution to the finest. Children of matched nodes may match if they are in
-    the same interval, each with at most one other. A pair adds the smaller of both areas and of both lengths
-    (Hilaga et al., eq. 7). Hilaga et al. choose pairs greedily; here the assignment with the greatest similarity is
-    taken, which does not depend on the order of the nodes.
+    Nodes are matched from the coarsest resolution to the finest. Children of matched nodes may match if they are in the
+    same interval. Each node matches at most one other. A pair contributes the smaller of both areas and the smaller of
+    both lengths (Hilaga et al., eq. 7). Hilaga et al. choose pairs greedily. Here the assignment with the greatest
+    similarity is chosen, which does not depend on the order of the nodes.
     """
     return max(0.0, 1.0 - _similarity(_tree(a), _tree(b)))
 
@@ -72,5 +72,5 @@ def _similarity(a: _Node, b: _Node) -> float:
 def _best_assignment(some: list[_Node], others: list[_Node]) -> float:
     similarities: Floats = np.array([[_similarity(a, b) for b in others] for a in some])
     rows, columns = linear_sum_assignment(similarities, maximize=True)
-    # Sorted, so that the sum does not depend on the order of the nodes.
+    # Sorted, so that rounding does not depend on the order of the nodes.
     return float(np.sort(similarities[rows, columns]).sum())

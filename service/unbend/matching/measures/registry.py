@@ -26,19 +26,19 @@ DEFAULT_MEASURE: Final = SPECTRUM.name
 
 
 def get_measure(name: str) -> Measure:
-    """Return the measure called `name`; if there is none, ParameterError lists the names."""
+    """Return the measure called `name`, or raise ParameterError, which lists the names."""
     check_choice("measure", name, MEASURES)
     return MEASURES[name]
 
 
 def get_vector_measure(name: str) -> VectorMeasure:
-    """Return the vector measure called `name`; if there is none, ParameterError lists the names."""
+    """Return the vector measure called `name`, or raise ParameterError, which lists the names."""
     check_choice("measure", name, VECTOR_MEASURES)
     return VECTOR_MEASURES[name]
 
 
 def compare(a: Signature, b: Signature, measure: str = DEFAULT_MEASURE) -> float:
-    """Return the distance between two signatures under `measure`: 0 between equal ones.
+    """Return the distance between two signatures under `measure`. Equal signatures have distance 0.
 
     Raises
     ------

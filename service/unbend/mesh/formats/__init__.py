@@ -1,4 +1,4 @@
-"""File formats, one module for each: it recognises, announces the size of, reads and writes its files."""
+"""File formats: each has a module that recognises its files, finds their announced size, reads and writes them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ FORMATS: Final[Mapping[str, str]] = MappingProxyType(
         "glb": "model/gltf-binary",
     }
 )
-"""Formats that are read, with their media types: single files, no archives, no references to other files."""
+"""Formats that can be read, with their media types. All are single files without references to other files."""
 
 WrittenFormat = Literal["ply", "obj", "off", "glb"]
 
 WRITTEN: Final = get_args(WrittenFormat)
-"""Formats that are written."""
+"""Formats that can be written."""

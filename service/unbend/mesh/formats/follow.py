@@ -1,4 +1,4 @@
-"""Kernels for binary rows of different lengths: a row begins where the one before it ends."""
+"""Kernels for binary rows of different lengths, each of which begins where the previous one ends."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import numpy as np
 from unbend.jit import kernel
 
 SCALAR, UNSIGNED, SIGNED, SINGLE, DOUBLE = 0, 1, 2, 3, 4
-"""Kinds of fields: a single value, or a list with a number of this type before it."""
+"""Kinds of fields: a single value, or a list that begins with its length as a number of this type."""
 
 ENDED, STRANGE = -1, -2
-"""Returned in place of a position: the bytes end early, or a list has an impossible length."""
+"""Returned instead of a position: the bytes end early, or a list has an impossible length."""
 
 MOST = 2**31
-"""Every list has fewer values than this."""
+"""Upper bound of the length of a list; longer lists are STRANGE."""
 
 
 @kernel
 def follow(body, position, widths, kinds, sizes, big, places, counts):
-    """Write into `places` (rows, fields) where the values of each row's fields begin, into `counts` how many there are.
+    """Find the values of all rows: write their positions to `places` and their numbers to `counts`, (rows, fields).
 
-    The rows lie in `body` (bytes,) from `position` on. A value of a field has `widths` (fields,) bytes. `kinds` and
-    `sizes` (fields,) give the kind and the bytes of the number before a list; `big` says whether it is big-endian.
-    Returns the position behind the last row, or ENDED or STRANGE, and for STRANGE the number before the list.
+    The rows are in `body` (bytes,), starting at `position`. A value of a field has `widths` (fields,) bytes. The length
+    of a list has the type `kinds` (fields,) and `sizes` (fields,) bytes, and is big-endian if `big`. Return the
+    position after the last row, or ENDED or STRANGE, and for STRANGE the impossible length.
     """
     cell = np.zeros(8, np.uint8)
     whole, single, double = cell.view(np.int64), cell.view(np.float32), cell.view(np.float64)
@@ -57,7 +57,7 @@ def follow(body, position, widths, kinds, sizes, big, places, counts):
 
 @kernel
 def gather(body, places, counts, width, found):
-    """Copy into `found` the values of `width` bytes each, `counts` (rows,) of them from each of `places` (rows,) on."""
+    """Copy to `found` the values of each row: `counts` (rows,) values of `width` bytes, from `places` (rows,) on."""
     position = 0
     for row in range(len(places)):
         for byte in range(places[row], places[row] + counts[row] * width):

@@ -1,4 +1,4 @@
-"""Accessors of a glTF file: arrays of numbers in its own bytes. Every place is checked before it is read."""
+"""Accessors of a glTF file: arrays of numbers in the file itself. Every position is checked before it is read."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ _COMPRESSED: Final = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "
 
 
 def item_of(items: Any, index: Any) -> Any:
-    """Return an item of a list of the layout; raise MeshReadError if there is none."""
+    """Return the item at `index` of a list in the JSON; raise MeshReadError if there is none."""
     if not isinstance(items, list) or type(index) is not int or not 0 <= index < len(items):
-        raise MeshReadError(f"the glb file has no item {repr(index)[:40]} where it says so")
+        raise MeshReadError(f"the glb file refers to item {repr(index)[:40]}, which does not exist")
     return items[index]
 
 
 class Data:
-    """A layout's accessors and the bytes they are in."""
+    """The accessors of a glTF file, and the buffers that contain their elements."""
 
-    def __init__(self, layout: dict[str, Any], binary: bytes) -> None:
-        self._layout = layout
+    def __init__(self, gltf: dict[str, Any], binary: bytes) -> None:
+        self._gltf = gltf
         self._binary = binary
         self._buffers: dict[int, bytes] = {}
 
     def count(self, accessor: int) -> int:
-        """Return how many elements an accessor announces."""
-        count = item_of(self._layout["accessors"], accessor)["count"]
+        """Return the number of elements that an accessor announces."""
+        count = item_of(self._gltf["accessors"], accessor)["count"]
         if type(count) is not int or count < 0:
-            raise MeshReadError(f"accessor {accessor} of the glb file has no count")
+            raise MeshReadError(f"accessor {accessor} of the glb file has no valid count")
         return count
 
     def values(self, accessor: int, kind: str) -> Any:
-        """Return an accessor's elements, (count, columns): numbers of their own type, or -1 to 1 where normalized."""
-        described = item_of(self._layout["accessors"], accessor)
+        """Return an accessor's elements, (count, columns), in their own type, or from -1 to 1 if normalized."""
+        described = item_of(self._gltf["accessors"], accessor)
         if described["type"] != kind:
             raise MeshReadError(f"accessor {accessor} of the glb file is {shown(str(described['type']))}, not {kind}")
         count, component, sparse = self.count(accessor), described["componentType"], described.get("sparse")
         columns = _COLUMNS[kind]
-        if sparse:  # read first: then all buffers it uses are known, which bound its size
+        if sparse:  # read first, because the buffers then known limit the size in `_zeros`
             rows = self._elements(sparse["indices"], sparse["count"], sparse["indices"]["componentType"], 1)[:, 0]
             changes = self._elements(sparse["values"], sparse["count"], component, columns)
         if "bufferView" in described:
@@ -53,7 +53,7 @@ class Data:
             values = self._zeros(count, component, columns)
         else:
             raise MeshFormatError(
-                f"accessor {accessor} of the glb file has no data of its own, as if it were compressed: export it "
+                f"accessor {accessor} of the glb file has no buffer view, which suggests compression: export the file "
                 "uncompressed"
             )
         if sparse:
@@ -64,36 +64,38 @@ class Data:
         return values
 
     def _zeros(self, count: int, component: int, columns: int) -> Any:
-        """Return zeros, (count, columns), for sparse elements that replace no other data."""
-        there = len(self._binary) + sum(len(buffer) for buffer in self._buffers.values())
-        if count > there:
-            raise MeshReadError(f"{count:,} elements of the glb file are announced, and its data are {there:,} bytes")
+        """Return zeros, (count, columns), as the base of a sparse accessor without a buffer view."""
+        size = len(self._binary) + sum(len(buffer) for buffer in self._buffers.values())
+        if count > size:
+            raise MeshReadError(f"the glb file announces {count:,} elements, but its data has {size:,} bytes")
         return np.zeros((count, columns), _TYPES[component])
 
     def _elements(self, where: dict[str, Any], count: int, component: int, columns: int) -> Any:
-        view = item_of(self._layout["bufferViews"], where["bufferView"])
+        view = item_of(self._gltf["bufferViews"], where["bufferView"])
         for name in _COMPRESSED:
             if name in view.get("extensions", ()):
-                raise MeshFormatError(f"the glb file is compressed ({name}), which is not read: export it uncompressed")
+                raise MeshFormatError(
+                    f"the glb file is compressed ({name}), which is not supported: export it uncompressed"
+                )
         begin, length = view.get("byteOffset", 0), view["byteLength"]
         buffer = self._buffer(view["buffer"])
         if min(begin, length) < 0 or begin + length > len(buffer):
-            raise MeshReadError("a part of the glb file's data is outside it")
+            raise MeshReadError("a buffer view of the glb file extends beyond its buffer")
         kind = np.dtype(_TYPES[component])
         stride = view.get("byteStride", columns * kind.itemsize)
         if stride < columns * kind.itemsize:
-            raise MeshReadError("elements of the glb file's data overlap")
+            raise MeshReadError("a buffer view of the glb file has a stride shorter than its elements")
         within = memoryview(buffer)[begin : begin + length]
-        # NumPy refuses what does not lie within the buffer
+        # NumPy raises ValueError if the elements do not fit into the buffer.
         return np.ndarray((count, columns), kind, within, where.get("byteOffset", 0), (stride, kind.itemsize))
 
     def _buffer(self, index: int) -> bytes:
-        uri = item_of(self._layout["buffers"], index).get("uri")
+        uri = item_of(self._gltf["buffers"], index).get("uri")
         if uri is None:
             return self._binary if index == 0 else b""
         if index not in self._buffers:
             head, encoded, text = str(uri).partition(";base64,")
             if not (encoded and head.startswith("data:")):
-                raise MeshFormatError("data of the glb file is in another one: only single files are read")
+                raise MeshFormatError("the glb file refers to data in another file, but only single files are read")
             self._buffers[index] = base64.b64decode(text)
         return self._buffers[index]

@@ -1,4 +1,4 @@
-"""Meshes of a glTF file: their primitives of triangles, joined where they share positions."""
+"""Meshes of a glTF file, each made of its primitives of triangles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MODES: Final = range(7)
 
 
 def joined(parts: list[tuple[Floats, Indices]]) -> tuple[Floats, Indices]:
-    """Return several meshes as one, their vertices one after the other."""
+    """Return several meshes as one mesh, with the vertices of one after those of the other."""
     if len(parts) == 1:
         return parts[0]
     firsts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
@@ -27,28 +27,29 @@ def joined(parts: list[tuple[Floats, Indices]]) -> tuple[Floats, Indices]:
 def _mode(primitive: dict[str, Any]) -> int:
     mode = primitive.get("mode", _TRIANGLES)
     if mode not in _MODES:
-        raise MeshReadError(f"a part of the glb file has mode {repr(mode)[:40]}")
+        raise MeshReadError(f"a primitive of the glb file has the unknown mode {repr(mode)[:40]}")
     return int(mode)
 
 
 class Meshes:
-    """The meshes of a layout, by their index; sizes and meshes are kept once they are found.
+    """The meshes of a glTF file by index. Sizes and meshes are cached.
 
-    Primitives of one mesh with the same positions share vertices, so that materials do not tear a surface.
+    Primitives of one mesh that use the same accessor of positions share vertices. So a surface with several materials
+    is not cut at their borders.
     """
 
-    def __init__(self, layout: dict[str, Any], data: Data) -> None:
-        self._layout = layout
+    def __init__(self, gltf: dict[str, Any], data: Data) -> None:
+        self._gltf = gltf
         self._data = data
         self._sizes: dict[int, tuple[int, int]] = {}
         self._meshes: dict[int, tuple[Floats, Indices]] = {}
         self.skipped = 0
-        """Primitives of points or lines."""
+        """Number of primitives of points or lines."""
         self.morphs = False
         """Whether a mesh has morph targets."""
 
     def size(self, mesh: int) -> tuple[int, int]:
-        """Return how many vertices and triangles a mesh announces."""
+        """Return the numbers of vertices and triangles that a mesh announces."""
         if mesh not in self._sizes:
             self._note(mesh)
             groups = self._groups(mesh)
@@ -57,7 +58,7 @@ class Meshes:
         return self._sizes[mesh]
 
     def mesh(self, mesh: int) -> tuple[Floats, Indices]:
-        """Return the vertices and faces of a mesh, before a node moves it."""
+        """Return the vertices and faces of a mesh in its own coordinates."""
         if mesh not in self._meshes:
             parts = []
             for positions, primitives in self._groups(mesh).items():
@@ -68,7 +69,7 @@ class Meshes:
         return self._meshes[mesh]
 
     def _primitives(self, mesh: int) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = item_of(self._layout["meshes"], mesh)["primitives"]
+        found: list[dict[str, Any]] = item_of(self._gltf["meshes"], mesh)["primitives"]
         return found
 
     def _note(self, mesh: int) -> None:
@@ -77,7 +78,7 @@ class Meshes:
             self.morphs |= bool(primitive.get("targets"))
 
     def _groups(self, mesh: int) -> dict[int, list[dict[str, Any]]]:
-        """Return a mesh's primitives that have triangles, by the accessor of their positions."""
+        """Return the primitives of a mesh that have triangles, grouped by the accessor of their positions."""
         groups: dict[int, list[dict[str, Any]]] = {}
         for primitive in self._primitives(mesh):
             if _mode(primitive) >= _TRIANGLES and "POSITION" in primitive["attributes"] and self._triangles(primitive):
@@ -96,15 +97,15 @@ class Meshes:
         else:
             found = self._data.values(primitive["indices"], "SCALAR")[:, 0]
             corners = found.astype(np.int64)
-            # glTF forbids the largest number of the type as an index; in strips graphics hardware restarts there
+            # glTF forbids the largest number of the type as an index. Graphics hardware restarts a strip there.
             restarts = (corners == np.iinfo(found.dtype).max) & (corners >= vertices) & (mode == _STRIP)
         if ((corners < 0) | (corners >= vertices))[~restarts].any():
-            raise MeshReadError(f"a triangle of the glb file is outside its {vertices} vertices")
+            raise MeshReadError(f"a triangle of the glb file uses a vertex beyond the {vertices} of its mesh")
         if mode == _STRIP:
             return strip_faces(corners, restarts)
         if mode == _TRIANGLES:
             if len(corners) % 3:
-                raise MeshReadError(f"{len(corners)} corners in the glb file do not make triangles")
+                raise MeshReadError(f"a primitive of the glb file has {len(corners)} corners, not a multiple of three")
             return corners.reshape(-1, 3)
         first = np.full(max(0, len(corners) - 2), corners[:1])
         return np.stack([first, corners[1:-1], corners[2:]], axis=1)

@@ -1,4 +1,4 @@
-"""The scene of a glTF file: which meshes stand in it, and where."""
+"""The scene of a glTF file: instances of meshes, placed by nodes."""
 
 from __future__ import annotations
 
@@ -14,48 +14,50 @@ from unbend.mesh.formats.gltf_data import item_of
 
 
 @dataclass(frozen=True)
-class Place:
-    """A mesh and where it stands."""
+class Instance:
+    """A mesh in the scene, and the transform that places it."""
 
     mesh: int
     matrix: Floats
     """(4, 4)"""
     skinned: bool = False
-    """Whether it has a skin: its joints place it, not its node."""
+    """Whether the mesh has a skin. Joints, not the node, place such a mesh."""
     extensions: tuple[str, ...] = ()
-    """Names of the extensions of its node."""
+    """Names of the extensions of the node."""
 
 
-def places(layout: dict[str, Any]) -> Iterator[Place]:
-    """Yield each mesh and its place, from the root nodes down; where no node has a mesh, yield every mesh once.
+def instances(gltf: dict[str, Any]) -> Iterator[Instance]:
+    """Yield the instances of the default scene, from the root nodes down.
 
-    A node has one parent at most, so this ends. The transform of a node does not place a mesh with a skin: its joints
-    do (section 3.7.3.3). Such a mesh stays in the pose in which its skin was bound.
+    If the file has no scenes, all nodes without a parent are roots. If no node has a mesh either, each mesh is an
+    instance. The search ends, because a node that is reached twice is an error.
+
+    Joints, not the node's transform, place a mesh with a skin (section 3.7.3.3). Such a mesh stays in its bind pose.
     """
-    nodes = layout.get("nodes", [])
-    if "scenes" not in layout and not any("mesh" in node for node in nodes):
-        yield from (Place(mesh, np.eye(4)) for mesh in range(len(layout.get("meshes", []))))
+    nodes = gltf.get("nodes", [])
+    if "scenes" not in gltf and not any("mesh" in node for node in nodes):
+        yield from (Instance(mesh, np.eye(4)) for mesh in range(len(gltf.get("meshes", []))))
         return
-    waiting = [(root, np.eye(4)) for root in reversed(_roots(layout))]
+    waiting = [(root, np.eye(4)) for root in reversed(_roots(gltf))]
     seen = set()
     while waiting:
         index, above = waiting.pop()
         if index in seen:
-            raise MeshReadError(f"node {index} of the glb file stands in two places")
+            raise MeshReadError(f"node {index} of the glb file occurs twice in the scene")
         seen.add(index)
         node = item_of(nodes, index)
         matrix = above @ node_matrix(node)
         waiting += [(child, matrix) for child in reversed(node.get("children", []))]
         if "mesh" in node:
             skinned = "skin" in node
-            yield Place(node["mesh"], np.eye(4) if skinned else matrix, skinned, tuple(node.get("extensions", ())))
+            yield Instance(node["mesh"], np.eye(4) if skinned else matrix, skinned, tuple(node.get("extensions", ())))
 
 
-def _roots(layout: dict[str, Any]) -> list[int]:
-    if "scenes" in layout:
-        scene = item_of(layout["scenes"], layout.get("scene", 0))
+def _roots(gltf: dict[str, Any]) -> list[int]:
+    if "scenes" in gltf:
+        scene = item_of(gltf["scenes"], gltf.get("scene", 0))
         return list(scene.get("nodes", []))
-    nodes = layout.get("nodes", [])
+    nodes = gltf.get("nodes", [])
     children = {child for node in nodes for child in node.get("children", [])}
     return [index for index in range(len(nodes)) if index not in children]
 
@@ -65,16 +67,16 @@ def node_matrix(node: dict[str, Any]) -> Floats:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     matrix = np.eye(4)
-    with np.errstate(all="ignore"):  # numbers out of range give coordinates that are not finite; repair reports these
+    with np.errstate(all="ignore"):  # overflow gives coordinates that are not finite, which repair reports
         matrix[:3, :3] = _rotation(node.get("rotation", (0, 0, 0, 1))) * np.reshape(node.get("scale", (1, 1, 1)), 3)
     matrix[:3, 3] = np.reshape(node.get("translation", (0, 0, 0)), 3)
     return matrix
 
 
-def placed(vertices: Floats, faces: Indices, matrix: Floats) -> tuple[Floats, Indices]:
-    """Return a mesh moved by `matrix` (4, 4); if that mirrors, turn its faces around to keep the outside outside."""
+def transformed(vertices: Floats, faces: Indices, matrix: Floats) -> tuple[Floats, Indices]:
+    """Return a mesh transformed by `matrix` (4, 4). If that mirrors it, reverse the faces to keep their front."""
     if (matrix == np.eye(4)).all():
-        return vertices, faces  # keeps the last digit
+        return vertices, faces  # without rounding
     with np.errstate(all="ignore"):
         moved = vertices @ matrix[:3, :3].T + matrix[:3, 3]
         return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces

@@ -24,34 +24,34 @@ def write(
     extra: Mapping[str, Floats] | None = None,
     about: Mapping[str, Any] | None = None,
 ) -> bytes:
-    """Return a glb file. Where there are both `uv` and `colours`, it keeps `uv`.
+    """Return a glb file. If both `uv` and `colours` are given, the file contains only `uv`.
 
-    `extra` are further attributes of the vertices, (n, 1) or (n, 3); glTF asks for names that begin with an underscore.
-    `about` is the `extras` of the asset.
+    `extra` are further attributes of the vertices, (n, 1) or (n, 3). glTF requires that their names begin with an
+    underscore. `about` becomes the `extras` of the asset.
     """
     attributes: dict[str, Any] = {"POSITION": np.asarray(vertices, "<f4")}
-    layout: dict[str, Any] = {"asset": {"version": "2.0", "generator": "unbend"}, "scene": 0}
+    gltf: dict[str, Any] = {"asset": {"version": "2.0", "generator": "unbend"}, "scene": 0}
     primitive: dict[str, Any] = {"attributes": {}, "indices": 0, "mode": 4}
     if uv is not None:
-        # glTF counts v from the top, and a texture needs a material
+        # glTF measures v from the top, and a texture needs a material.
         attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")
-        layout["materials"], primitive["material"] = [{"doubleSided": True}], 0
+        gltf["materials"], primitive["material"] = [{"doubleSided": True}], 0
     elif colours is not None:
         opaque = np.full((len(colours), 1), 255)
         attributes["COLOR_0"] = np.hstack([np.rint(255 * colours), opaque]).astype("|u1")
     for name, values in (extra or {}).items():
         attributes[name] = np.asarray(values, "<f4")
     if about:
-        layout["asset"] = layout["asset"] | {"extras": dict(about)}
+        gltf["asset"] = gltf["asset"] | {"extras": dict(about)}
     primitive["attributes"] = {name: number for number, name in enumerate(attributes, start=1)}
     arrays = [("SCALAR", np.asarray(faces, "<u4").ravel()), *((_kind(array), array) for array in attributes.values())]
-    layout |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}
-    layout |= {
+    gltf |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}
+    gltf |= {
         "accessors": [_accessor(number, kind, array) for number, (kind, array) in enumerate(arrays)],
         "bufferViews": _views([array for _, array in arrays]),
         "buffers": [{"byteLength": sum(array.nbytes for _, array in arrays)}],
     }
-    return _file(layout, b"".join(array.tobytes() for _, array in arrays))
+    return _file(gltf, b"".join(array.tobytes() for _, array in arrays))
 
 
 def _kind(array: Any) -> str:
@@ -63,7 +63,7 @@ def _accessor(view: int, kind: str, array: Any) -> dict[str, Any]:
     described = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
     if component == _COMPONENTS["|u1"]:
         described["normalized"] = True
-    if kind == "VEC3" and len(array):  # positions must say where they lie
+    if kind == "VEC3" and len(array):  # glTF requires the bounds of positions
         described |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
     return described
 
@@ -77,9 +77,9 @@ def _views(arrays: list[Any]) -> list[dict[str, int]]:
     ]  # fmt: skip
 
 
-def _file(layout: dict[str, Any], binary: bytes) -> bytes:
+def _file(gltf: dict[str, Any], binary: bytes) -> bytes:
     """Return a file of two chunks. All elements have 4, 8 or 12 bytes, so `binary` needs no padding."""
-    text = json.dumps(layout).encode()
+    text = json.dumps(gltf).encode()
     text += b" " * (-len(text) % 4)
     chunks = ((b"JSON", text), (b"BIN\0", binary))
     body = b"".join(struct.pack("<I4s", len(chunk), kind) + chunk for kind, chunk in chunks)

@@ -1,8 +1,9 @@
 """Wavefront obj files: positions and polygons. Texture coordinates, normals, groups and materials are skipped.
 
-Lines are sorted by their first word, and all lines of one kind are read at once. A comment ends with its line, even
-where that ends in a backslash. Elsewhere a backslash joins a line to the next, unless the next begins a vertex or a
-face: the backslash is then the end of a path. Corners count from 1, or back from the last vertex above them.
+Lines are sorted by their first word, and all lines of one kind are read at once. A comment ends with its line, even if
+the line ends in a backslash. Any other backslash at the end of a line joins the next line to it, unless the next line
+begins a vertex or a face: the backslash is then part of a path. Positive corners count vertices from 1. Negative
+corners count backwards from the last vertex above the face.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from unbend.mesh.formats.polygons import triangulated
 from unbend.mesh.formats.text import MARK, Table, leading_numbers, lines_of, plain, shown, table, without_comments
 from unbend.mesh.limits import MeshLimits
 
-_LOOKED_AT: Final = 2**20  # bytes that may stand before the first vertex; behind more, only the name shows the format
+_LOOKED_AT: Final = 2**20  # bytes that are searched for a first vertex or face
 _FIRST: Final = re.compile(rb"(?:^|[\r\n]|%b)[ \t]*[vf][ \t]+[-+.\d]" % MARK, re.IGNORECASE)  # in linear time
 _CONTINUED: Final = re.compile(rb"\\[ \t]*\n(?![ \t]*(?:v[nt]?|f)[ \t]+[-+.\d])", re.IGNORECASE)
 _INDENTED: Final = re.compile(rb"^[ \t\v\f]", re.MULTILINE)
@@ -30,22 +31,22 @@ _AFTER_SLASH: Final = re.compile(rb"/\S*")
 _BEFORE_SLASH_NOTHING: Final = re.compile(rb"(?:^|\s)/")
 _POINT: Final = frozenset((b"v", b"v ", b"v\t", b"V", b"V ", b"V\t"))
 _FACE: Final = frozenset((b"f", b"f ", b"f\t", b"F", b"F ", b"F\t"))
-_OUTLINE: Final = frozenset((b"fo ", b"fo\t", b"FO ", b"FO\t"))  # what f was called in early versions
+_OUTLINE: Final = frozenset((b"fo ", b"fo\t", b"FO ", b"FO\t"))  # early versions of the format have fo instead of f
 _COMMON: Final = frozenset((b"vt", b"vn", b"g ", b"o ", b"s ", b"l ", b"p "))
-_PASSED_OVER: Final = frozenset((
+_KNOWN: Final = frozenset((
     b"vt", b"vn", b"vp", b"g", b"o", b"s", b"l", b"p", b"mg", b"usemtl", b"mtllib", b"usemap", b"maplib", b"lod",
     b"bevel", b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj", b"ctech", b"stech", b"call", b"csh",
 ))  # fmt: skip
-_SHOWN: Final = 5  # unknown words that a note names
+_SHOWN: Final = 5  # most unknown words that a note names
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether a line begins as a vertex or a face."""
+    """Return whether a line begins like a vertex or a face."""
     return b"\0" not in data[:4096].rstrip(b"\0") and bool(_FIRST.search(data, 0, _LOOKED_AT))
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return how many lines begin as vertices and as faces; a first line and indented ones are not counted."""
+    """Return the numbers of lines that begin with v and f, without the first line and indented ones."""
     return data.count(b"\nv "), data.count(b"\nf ")
 
 
@@ -66,7 +67,7 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
 
 @dataclass(frozen=True)
 class _Lines:
-    """Lines with those joined that a backslash continues, and the text they come from."""
+    """The lines of a text, after lines that end in a backslash are joined with the next, and the text itself."""
 
     texts: list[bytes]
     whole: bytes
@@ -78,7 +79,7 @@ class _Lines:
         return cls([line.lstrip() for line in texts] if _INDENTED.search(joined) else texts, text)
 
     def place(self, number: int) -> str:
-        """Return the place of a line: its number in the file, before lines are joined."""
+        """Return the place of a line in the file: its number before lines are joined."""
         if b"\\" not in self.whole:
             return f"line {number + 1}"
         begin = sum(len(line) + 1 for line in _joined(self.whole).split(b"\n")[:number])
@@ -90,7 +91,7 @@ class _Lines:
 
 
 def _joined(text: bytes) -> bytes:
-    """Return text with continued lines joined; every other byte stays where it is."""
+    """Return text with continued lines joined. Spaces replace the joints, so every other byte keeps its position."""
     return _CONTINUED.sub(lambda found: b" " * len(found[0]), text) if b"\\" in text else text
 
 
@@ -115,10 +116,10 @@ def _corners(lines: _Lines, polygons: list[int], points: list[int]) -> tuple[Ind
     text = b"\n".join([*(line[2 if line[:3] in _OUTLINE else 1 :] for line in texts), b""])
     if b"/" in text:
         if found := _BEFORE_SLASH_NOTHING.search(text):
-            raise lines.wrong(polygons[text.count(b"\n", 0, found.end())], "a corner without its vertex")
+            raise lines.wrong(polygons[text.count(b"\n", 0, found.end())], "a corner has no vertex")
         text = _AFTER_SLASH.sub(b"", text)
     rows = table(text, 0)
-    _check_numbers(rows, lines, polygons, "vertices of a face expected")
+    _check_numbers(rows, lines, polygons, "indices of vertices expected")
 
     def where(face: int) -> str:
         return lines.place(polygons[face])
@@ -136,10 +137,10 @@ def _corners(lines: _Lines, polygons: list[int], points: list[int]) -> tuple[Ind
 
 def _fault(corner: int, vertices: int) -> str:
     if corner == 0:
-        return "a face with vertex 0, and the first vertex of an obj file is 1"
+        return "a face uses vertex 0, but the first vertex of an obj file is 1"
     if corner < 0:
-        return f"a face with vertex {corner}, which is before the first vertex"
-    return f"a face with vertex {corner}, but the file has {vertices}"
+        return f"a face uses vertex {corner}, which is before the first vertex"
+    return f"a face uses vertex {corner}, but the file has {vertices}"
 
 
 def _check_numbers(rows: Table, lines: _Lines, numbers: list[int], expected: str) -> None:
@@ -151,7 +152,7 @@ def _unknown(texts: Iterable[bytes]) -> tuple[str, ...]:
     """Return a note on lines that begin with an unknown word."""
     rest = (line for line in texts if line[:2] not in _COMMON and line[:2] not in _POINT and line[:2] not in _FACE)
     words = {line.split(None, 1)[0] for line in rest if line.strip()}
-    unknown = sorted(word for word in words if word.lower() not in _PASSED_OVER and word.lower() != b"fo")
+    unknown = sorted(word for word in words if word.lower() not in _KNOWN and word.lower() != b"fo")
     if not unknown:
         return ()
     more = f" and {len(unknown) - _SHOWN} other words" if len(unknown) > _SHOWN else ""
@@ -159,7 +160,7 @@ def _unknown(texts: Iterable[bytes]) -> tuple[str, ...]:
 
 
 def write(vertices: Floats, faces: Ints, colours: Floats | None, uv: Floats | None) -> bytes:
-    """Return an obj file; `colours` follow the coordinates, and `uv` are `vt` lines. It names no material file."""
+    """Return an obj file without materials. `colours` follow the coordinates, and `uv` are in `vt` lines."""
     corners = faces + 1
     parts = [lines_of("v", vertices if colours is None else np.hstack([vertices, np.round(colours, 4)]))]
     if uv is None:

@@ -1,9 +1,10 @@
 """off files: a keyword, counts, vertices and polygons, as words or in binary.
 
 The format is Geomview's, http://www.geomview.org/docs/html/OFF.html. Other programs omit the keyword or the count of
-edges, write the counts right behind the keyword, and add numbers to vertices and faces. Lines may break anywhere, but a
-colour is what follows a face's corners on their line. So the reader takes lines as rows if they are alike. If not, it
-tries one stream of words without colours, which must end with the last face. If that fails, it takes lines as they are.
+edges, write the counts on the line of the keyword, and add numbers to vertices and faces. Lines may break anywhere, but
+the numbers after a face's corners on the same line are its colour. So the reader first takes each line as a row,
+provided that all rows have the same structure. If they do not, it takes the file as one stream of words without
+colours, which must end with the last face. If that fails too, it takes each line as a row of any structure.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from unbend.mesh.formats.records import Field, read_rows
 from unbend.mesh.formats.text import MARK, leading_numbers, lines_of, plain, without_comments
 from unbend.mesh.limits import MeshLimits
 
-_HEADER: Final = 2**16  # bytes that may stand before the counts; a file with more announces nothing
+_HEADER: Final = 2**16  # bytes that are searched for the counts
 _BLANK: Final = rb"(?:\s|#[^\n]*\n)"
-_KEY: Final = rb"((?:ST|C|N|4){0,5}OFF)"  # MeshLab writes them in another order
+_KEY: Final = rb"((?:ST|C|N|4){0,5}OFF)"  # in any order, because MeshLab uses another one
 _BEGIN: Final = re.compile(rb"(?:%b)?%b*%b(?=[ \t]*(?:[\d#\r\n]|BINARY|$))" % (MARK, _BLANK, _KEY), re.IGNORECASE)
 _BINARY: Final = re.compile(rb"(?:%b)?%b*%b[ \t]+BINARY[ \t]*(?:\r\n|\r|\n)" % (MARK, _BLANK, _KEY), re.IGNORECASE)
 _COUNTS: Final = re.compile(rb"%b*(\d{1,18})%b+(\d{1,18})\b" % (_BLANK, _BLANK))
@@ -37,7 +38,7 @@ _COUNTS: Final = re.compile(rb"%b*(\d{1,18})%b+(\d{1,18})\b" % (_BLANK, _BLANK))
 
 @dataclass(frozen=True)
 class _Key:
-    """The numbers that the keyword gives each vertex."""
+    """The keyword, which defines the numbers of each vertex."""
 
     word: bytes
 
@@ -51,23 +52,23 @@ class _Key:
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a vertex; a fourth divides the other three."""
+        """Number of coordinates of a vertex; the fourth divides the other three."""
         return 4 if b"4" in self.prefix else 3
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Possible numbers of a vertex; a colour has three or four."""
+        """Possible counts of the numbers of a vertex, because a colour has three or four."""
         least = self.coordinates + 3 * (b"N" in self.prefix) + 2 * (b"ST" in self.prefix)
         return (least + 4, least + 3) if b"C" in self.prefix else (least,)
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether a file begins with the keyword, followed by counts, a comment, BINARY or the end of the line."""
+    """Return whether a file begins with the keyword, followed by counts, a comment, BINARY or the end of the line."""
     return bool(_BEGIN.match(data[:4096]))
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return the counts behind the keyword."""
+    """Return the counts after the keyword."""
     head = data[:_HEADER]
     begin = _BEGIN.match(head)
     found = _COUNTS.match(head, begin.end() if begin else 0)
@@ -75,7 +76,7 @@ def announced(data: bytes) -> tuple[int, int]:
 
 
 def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
-    """Return the mesh of an off file; without a keyword, its counts come first."""
+    """Return the mesh of an off file. A file without a keyword begins with its counts."""
     if binary := _BINARY.match(data[:_HEADER]):
         return _read_binary(data, binary.end(), _Key(binary.group(1)), limits)
     text = without_comments(plain(data))
@@ -110,15 +111,15 @@ def _parse(body: Body, key: _Key, limits: MeshLimits, *, lines_only: bool = Fals
             except MeshReadError as error:
                 refused.append(error)
                 continue
-            triangles, told = triangulated(points, corners, counts, limits)
-            return ParsedMesh(points, triangles, notes + told)
+            triangles, more = triangulated(points, corners, counts, limits)
+            return ParsedMesh(points, triangles, notes + more)
     raise refused[0]
 
 
 def _read_binary(data: bytes, begin: int, key: _Key, limits: MeshLimits) -> ParsedMesh:
     if key.any_dimension:
         if data[begin : begin + 4] != struct.pack(">i", 3):
-            raise MeshFormatError("the off file is not of three dimensions")
+            raise MeshFormatError("the off file is not three-dimensional")
         begin += 4
     if begin + 12 > len(data):
         raise MeshReadError("the off file ends before its counts")
@@ -139,7 +140,7 @@ def _read_binary(data: bytes, begin: int, key: _Key, limits: MeshLimits) -> Pars
 
 
 def write(vertices: Floats, faces: Ints, colours: Floats | None, _uv: Floats | None) -> bytes:
-    """Return an off file, or with `colours` a coff file: red, green, blue and alpha from 0 to 255."""
+    """Return an off file. With `colours` it is a COFF file, with red, green, blue and alpha from 0 to 255."""
     header = f"{'OFF' if colours is None else 'COFF'}\n{len(vertices)} {len(faces)} 0\n"
     if colours is None:
         rows = lines_of("", vertices)

@@ -1,4 +1,4 @@
-"""The words of an off file behind its keyword: counts, vertices and faces, as lines or as one stream."""
+"""The words of an off file after its keyword: counts, vertices and faces, in lines or in one stream."""
 
 from __future__ import annotations
 
@@ -20,52 +20,52 @@ _FIRST_COUNT = re.compile(rb"\s*(\d{1,18})\s")
 _FACE = (Field("corners", "<f8", "<f8"),)
 
 Polygons = tuple[Indices, Indices, tuple[str, ...]]
-"""Corners one after the other, how many each face has, and notes."""
+"""The corners of all faces in one array, the number of corners of each face, and notes."""
 
 
 def in_space(points: Floats) -> Floats:
-    """Return places (n, 3) from three coordinates, or from four, of which the last divides the others."""
-    with np.errstate(all="ignore"):  # repair reports what is not finite
+    """Return points (n, 3) from three coordinates, or from four, the last of which divides the others."""
+    with np.errstate(all="ignore"):  # repair reports coordinates that are not finite
         return points[:, :3] / points[:, 3:] if points.shape[1] == 4 else points
 
 
 def _check_alike(widths: Indices, strict: bool) -> None:
     if strict and len(widths) and (widths != widths[0]).any():
-        raise MeshReadError("lines of the off file differ in what they hold")
+        raise MeshReadError("lines of the off file have different numbers of values")
 
 
 def _vertex_lines(text: bytes) -> int | None:
-    """Return how many lines hold the counts and the vertices, if each has its own line and none is blank."""
+    """Return the number of lines up to the last vertex, if each vertex has its own line and no line is blank."""
     found = _FIRST_COUNT.match(text)
     return int(found.group(1)) + text.count(b"\n", 0, found.start(1)) + 1 if found else None
 
 
 @dataclass(frozen=True)
 class Body:
-    """All numbers, and where each line with numbers begins among them."""
+    """The numbers of a file, and the structure of its lines."""
 
     lines: list[bytes]
     first: int
-    """The number of the first of `lines` in the file."""
+    """The line number in the file of the first of `lines`."""
     values: Floats
     starts: Indices
     widths: Indices
     indices: Indices
     """The index in `lines` of each line with numbers."""
     broken: int | None
-    """The index of the first line that holds something else than numbers; nothing behind it was read."""
+    """The index of the first line that contains anything but numbers. The lines from there on were not read."""
 
     @classmethod
     def of(cls, text: bytes, first: int) -> Body:
-        """Read text, whose first line has the number `first` in the file."""
+        """Parse text whose first line has the number `first` in the file."""
         rows = table(text, _vertex_lines(text))
         filled = np.flatnonzero(rows.widths)
         return cls(text.split(b"\n"), first, rows.values, rows.starts[filled], rows.widths[filled], filled, rows.broken)
 
     def without_dimension(self) -> Body:
-        """Return the body behind the dimension, which must be three."""
+        """Return the body without its first number, the dimension, which must be three."""
         if self.values[:1].tolist() != [3.0]:
-            raise MeshFormatError(f"line {self._number(0)}: the off file is not of three dimensions")
+            raise MeshFormatError(f"line {self._number(0)}: the off file is not three-dimensional")
         widths = self.widths.copy()
         widths[0] -= 1
         starts = np.maximum(self.starts - 1, 0)
@@ -75,7 +75,7 @@ class Body:
         )
 
     def counts(self) -> tuple[int, int]:
-        """Return how many vertices and faces are announced."""
+        """Return the announced numbers of vertices and faces."""
         found = self.values[:2]
         if len(found) < 2 or not (np.isfinite(found) & (np.floor(found) == found)).all():
             raise MeshReadError(f"line {self._number(0)}: the counts of vertices and faces are missing")
@@ -84,7 +84,7 @@ class Body:
         return int(found[0]), int(found[1])
 
     def behind_counts(self) -> Iterator[int]:
-        """Yield where the vertices may begin: behind two counts if the line ends there, and behind three."""
+        """Yield where the vertices may begin: after two counts if a line ends there, and after three."""
         if 2 in self.starts[:3]:
             yield 2
         yield 3
@@ -92,10 +92,10 @@ class Body:
     def vertices(
         self, begin: int, count: int, coordinates: int, columns: int | None, *, strict: bool
     ) -> tuple[Floats, int]:
-        """Return (count, 3) vertices and where the next word is.
+        """Return the vertices (count, 3), and the index of the first number after them.
 
-        With `columns`, each vertex has so many words. Without, each has a line, and if `strict` all lines have as many
-        words. The first three or four words of a vertex are coordinates.
+        With `columns`, each vertex has that many numbers, wherever lines end. Without, each vertex has its own line. If
+        `strict`, all these lines must have the same number of values. A vertex begins with its coordinates.
         """
         if columns is not None:
             end = begin + count * columns
@@ -112,10 +112,10 @@ class Body:
         return in_space(self.values[places]), self._start(end_line)
 
     def faces(self, begin: int, count: int, vertices: int, *, by_words: bool, strict: bool) -> Polygons:
-        """Return the faces, each from a line of its own, or `by_words` from one stream.
+        """Return the faces, each from its own line, or, if `by_words`, from one stream of numbers.
 
-        A stream must end with the last face. If `strict`, so must the lines, and they must be alike. Only lines that
-        are not read strictly may hold faces of fewer than three corners.
+        A stream must end with the last face and have no face of fewer than three corners. If `strict`, the same is
+        true of lines, and all faces must have the same number of values after their corners.
         """
         if by_words:
             return self._faces_by_words(begin, count, vertices)
@@ -125,11 +125,11 @@ class Body:
         wrong = np.flatnonzero(~((counts >= 0) & (np.floor(counts) == counts) & (counts < widths)))
         if len(wrong):
             at = int(wrong[0])
-            raise self._wrong(line + at, f"a face with {widths[at] - 1} of {counts[at]:.15g} corners")
+            raise self._wrong(line + at, f"a face has {widths[at] - 1} of {counts[at]:.15g} corners")
         sizes = counts.astype(np.int64)
         _check_alike(widths - sizes, strict)
         if strict and ((sizes < 3).any() or end_line < len(self.starts) or self.broken is not None):
-            raise MeshReadError("lines of the off file are not all faces")
+            raise MeshReadError("some lines of the off file are not faces")
 
         def where(face: int) -> str:
             return f"line {self._number(line + face)}"
@@ -143,9 +143,9 @@ class Body:
     def _faces_by_words(self, begin: int, count: int, vertices: int) -> Polygons:
         rows = read_rows(self.values.tobytes(), 8 * begin, count, _FACE)
         if rows.end != 8 * len(self.values) or self.broken is not None:
-            raise MeshReadError("the off file goes on behind its last face")
+            raise MeshReadError("the off file continues after its last face")
         found, sizes = rows.columns["corners"]
-        if (sizes < 3).any():  # a stream with a word too few or too many gives such faces
+        if (sizes < 3).any():  # a missing or an additional word in the stream causes such faces
             raise MeshReadError("a face of the off file has fewer than three corners")
         corners = whole(found, sizes, "face {}".format)
         check_corners(corners, sizes, vertices, "face {}".format)
@@ -164,7 +164,7 @@ class Body:
         return int(self.starts[line]) if line < len(self.starts) else len(self.values)
 
     def _number(self, line: int) -> int:
-        """Return the number of a line in the file; behind the last line read, that of the broken one or of the end."""
+        """Return the line number in the file of the line with numbers `line`, or of the broken line, or of the end."""
         if line < len(self.indices):
             return self.first + int(self.indices[line])
         return self.first + (len(self.lines) - 1 if self.broken is None else self.broken)

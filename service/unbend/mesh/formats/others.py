@@ -1,4 +1,4 @@
-"""Formats that are not read. A refusal names them, so that the sender knows what to do."""
+"""Formats that cannot be read. Error messages name them, so that the sender knows what to do."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _PACKED: Final = {
     b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz",
     b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "rar", b"\x28\xb5\x2f\xfd": "zstd", b"DRACO": "Draco",
 }  # fmt: skip
-"""First bytes of packed files. Nothing is unpacked, whatever a file is called."""
+"""First bytes of archives and compressed files, none of which is unpacked."""
 
 _INSIDE: Final = {b"3dmodel.model": "3MF", b".usdc": "USDZ", b".usda": "USDZ"}
-"""Names of files inside a zip file that show its format."""
+"""Names of files in a zip archive that identify its format."""
 
 _WIDE: Final = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")
 _KNOWN: Final = (
@@ -24,7 +24,7 @@ _KNOWN: Final = (
     (rb"(?s)\s*<.{0,2000}COLLADA\b", "a COLLADA file"),
     (rb"(?s)\s*<.{0,2000}X3D\b|#X3D\b", "an X3D file"),
     (rb"(?s)\s*<.{0,500}amf\b", "an AMF file"),
-    (rb"(?s)\s*<.{0,500}html\b", "a web page, as a download that failed leaves it"),
+    (rb"(?s)\s*<.{0,500}html\b", "a web page, perhaps from a failed download"),
     (rb"#VRML\b", "a VRML file"),
     (rb"ISO-10303-21", "a STEP file"),
     (rb"[^\r\n]{72}S {0,6}0*1\b", "an IGES file"),
@@ -33,14 +33,14 @@ _KNOWN: Final = (
     (rb"PXR-USDC|#usda\b", "a USD file"),
     (rb"//Maya ASCII", "a Maya file"),
     (rb"\$MeshFormat", "a Gmsh file"),
-    (rb"(?-i:[CNZ4U]{0,4}(?:QUAD|MESH|VECT|SKEL|LIST|INST))\s", "a Geomview file of another kind than off"),
+    (rb"(?-i:[CNZ4U]{0,4}(?:QUAD|MESH|VECT|SKEL|LIST|INST))\s", "a Geomview file, but not off"),
     (rb"\s*MeshVersionFormatted", "a Medit file"),
     (rb"Ogawa", "an Alembic file"),
     (rb"\x89HDF", "an HDF5 file"),
     (rb"(?s)MM.{4}\x02\0", "a 3ds file"),
-    (rb"# \.PCD\b|LASF", "a cloud of points"),
+    (rb"# \.PCD\b|LASF", "a point cloud"),
     (rb"\s*0\s{1,9}SECTION\b", "a DXF file"),
-    (rb"version https://git-lfs", "a pointer of Git LFS in place of the file"),
+    (rb"version https://git-lfs", "a Git LFS pointer instead of the file itself"),
     (rb"\x89PNG|\xff\xd8\xff|GIF8|%PDF", "a picture or a document"),
 )  # fmt: skip
 _PATTERNS: Final = tuple((re.compile(pattern, re.IGNORECASE), name) for pattern, name in _KNOWN)
@@ -51,11 +51,11 @@ def other_format(data: bytes) -> str | None:
     """Return a sentence that names the format of a file, if it is known but not read; otherwise None."""
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     if packing := _packing(data):
-        return f"the file is packed ({packing}), and nothing is unpacked: send the mesh itself"
+        return f"the file is packed ({packing}) and is not unpacked: send the mesh itself"
     if _is_wide(head):
         return "the file is text in UTF-16 or UTF-32: save it as UTF-8 or ASCII"
     if _GLTF.match(head):
-        return "the file is glTF as text, which may have its data elsewhere: export one binary file, glb"
+        return "the file is glTF as text, which may refer to other files: export a single binary file, glb"
     name = next((name for pattern, name in _PATTERNS if pattern.match(head)), None)
     return f"the file is {name}" if name else None
 
@@ -67,11 +67,11 @@ def _packing(data: bytes) -> str | None:
     if found != "zip":
         return found
     names = data[:_HEAD] + data[-_HEAD:]  # a zip file lists its files at its end
-    return next((f"zip, as {name} files are" for word, name in _INSIDE.items() if word in names), found)
+    return next((f"zip, like all {name} files" for word, name in _INSIDE.items() if word in names), found)
 
 
 def _is_wide(head: bytes) -> bool:
-    """Say whether text has two or four bytes per letter: a byte order mark or zeros between letters show it."""
+    """Return whether text has two or four bytes per character, judged by a byte order mark or by alternating zeros."""
     if head.startswith(_WIDE):
         return True
     start = head[:64]

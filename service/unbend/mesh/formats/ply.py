@@ -1,8 +1,8 @@
 """ply files: positions, polygons and strips of triangles. Every other element and property is skipped.
 
-Text is turned into binary rows in which every number is a double. Either each row has a line of its own, or lines do
-not count at all. In a file of the first kind, a line with a number too many would shift all rows behind it; such a line
-is refused.
+Text is converted to binary rows in which every number is a double. In most text files each row has its own line; in
+others the line breaks have no meaning. In a file with one row per line, an additional number would shift all later
+rows, so such a line is an error.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from unbend.mesh.formats.text import Table, plain, shown, table
 from unbend.mesh.limits import MeshLimits
 
 _COUNTS: Final = re.compile(rb"^element[ \t]+(vertex|face)[ \t]+(\d{1,18})[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
-_NO_ROWS: Final = re.compile(rb"^[ \t]*(?:comment|obj_info|#)[^\n]*", re.MULTILINE)
+_COMMENTS: Final = re.compile(rb"^[ \t]*(?:comment|obj_info|#)[^\n]*", re.MULTILINE)
 _TRIANGLES: Final = ("face", "tristrips")  # elements
 _CORNERS: Final = ("vertex_indices", "vertex_index")
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether a file begins with the word ply in a line of its own."""
+    """Return whether a file begins with the word ply on its own line."""
     return bool(MAGIC.match(data[:64]))
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return the vertices and faces that the header announces."""
+    """Return the numbers of vertices and faces that the header announces."""
     header = data[:HEADER].partition(b"end_header")[0].replace(b"\r", b"\n")
     counts = {name.lower(): int(count) for name, count in _COUNTS.findall(header)}
     return counts.get(b"vertex", 0), counts.get(b"face", 0)
@@ -50,7 +50,7 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
         raise MeshReadError(f"the vertices of the ply file have no {missing[0]}")
     corners_of = {element.name: _corners_of(element) for element in header.elements if element.name in _TRIANGLES}
     if not corners_of:
-        raise MeshReadError("the ply file holds no triangles: it has neither faces nor strips")
+        raise MeshReadError("the ply file contains no triangles: it has neither faces nor strips")
     rows, notes = _text_rows(data, header) if header.text else _binary_rows(data, header)
     vertices = _vertices(rows)
     limits.check(len(vertices), 0)
@@ -58,9 +58,9 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
     for name, corners_name in corners_of.items():
         column = rows[name].columns[corners_name]
         if name == "face":
-            polygons, told = triangulated(vertices, *_corners(column, len(vertices)), limits)
+            polygons, more = triangulated(vertices, *_corners(column, len(vertices)), limits)
             faces.append(polygons)
-            notes += told
+            notes += more
         else:
             faces.append(_strips(column, len(vertices), limits))
     return ParsedMesh(vertices, np.concatenate(faces), header.notes + notes)
@@ -85,7 +85,7 @@ def _read_elements(body: bytes, position: int, elements: tuple[Element, ...]) ->
 
 def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str, ...]]:
     text = plain(data[header.end :])
-    text = _NO_ROWS.sub(b"", text) if b"comment" in text or b"obj_info" in text or b"#" in text else text
+    text = _COMMENTS.sub(b"", text) if b"comment" in text or b"obj_info" in text or b"#" in text else text
     numbers, lines = table(text), text.split(b"\n")
     try:
         rows, end = _read_elements(numbers.values.tobytes(), 0, header.elements)
@@ -96,7 +96,7 @@ def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str,
     behind = int((starts >= end).sum())
     behind += 0 if numbers.broken is None else sum(1 for line in lines[numbers.broken :] if line.strip())
     begins = np.concatenate([found.begins for found in rows.values()])
-    if len(begins) == len(starts) - int((starts >= end).sum()) or behind:  # otherwise lines do not count
+    if len(begins) == len(starts) - int((starts >= end).sum()) or behind:  # otherwise line breaks have no meaning
         within = np.flatnonzero(~np.isin(np.append(begins, end), np.append(starts, 8 * len(numbers.values))))
         if len(within):
             line = int(np.searchsorted(8 * numbers.starts, np.append(begins, end)[within[0]])) - 1
@@ -106,7 +106,10 @@ def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str,
 
 
 def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
-    """Return the first line whose number of values differs from its element's; stop at the first element with lists."""
+    """Return the first line whose number of values differs from that of its element, None if there is none.
+
+    The search stops at the first element with lists.
+    """
     filled = np.flatnonzero(numbers.widths)
     begin = 0
     for element in itertools.takewhile(lambda element: not any(field.counter for field in element.fields), elements):
@@ -119,7 +122,7 @@ def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
 
 
 def _check_line(numbers: Table, lines: list[bytes], header: Header, wrong: int | None) -> None:
-    """Raise MeshReadError about the line `wrong`, or else about the line that is not numbers, if there is one."""
+    """Raise MeshReadError about the line `wrong`, or, if it is None, about the first line that is not numbers."""
     at = numbers.broken if wrong is None else wrong
     if at is None:
         return
@@ -131,12 +134,12 @@ def _vertices(rows: dict[str, Rows]) -> Floats:
     columns: dict[str, Column] = rows["vertex"].columns
     axes: list[Any] = [columns[axis][0] for axis in "xyz"]
     if len({len(values) for values in axes}) > 1 or len(axes[0]) != len(columns["x"][1]):
-        raise MeshReadError("the coordinates of the ply file are lists")
+        raise MeshReadError("the coordinates of the ply file are lists, not single numbers")
     return np.stack(axes, axis=1).astype(np.float64)
 
 
 def _corners_of(element: Element) -> str:
-    """Return the property that holds the corners: the one with a known name, or the only list."""
+    """Return the name of the property with the corners: the property with a known name, or the only list."""
     names = [field.name for field in element.fields]
     lists = [field.name for field in element.fields if field.counter]
     found = [name for name in _CORNERS if name in names] or lists[: len(lists) == 1]
@@ -153,7 +156,7 @@ def _corners(column: Column, vertices: int) -> tuple[Indices, Indices]:
 
 
 def _strips(column: Column, vertices: int, limits: MeshLimits) -> Indices:
-    """Return the triangles of strips, which -1 separates."""
+    """Return the triangles of strips, which are separated by -1."""
     values, counts = column
     ends = np.cumsum(counts)
     corners = np.insert(whole(values, counts, "strip {} of the ply file".format), ends, -1)

@@ -1,4 +1,4 @@
-"""The header of a ply file: its elements, how many rows each has, and which fields are in a row."""
+"""The header of a ply file: the elements, their numbers of rows, and the fields of a row."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from unbend.mesh.formats.records import Field
 from unbend.mesh.formats.text import MARK, shown
 
 HEADER: Final = 2**16
-"""Bytes that are searched for the counts before a file is read."""
+"""Bytes that are searched for the announced counts before a file is read."""
 
 MAGIC: Final = re.compile(rb"(?:%b)?ply[ \t]*(\r\n|\n|\r)" % MARK, re.IGNORECASE)
 _END: Final = re.compile(rb"[\r\n]end_header[ \t]*(\r\n|\n|\r|$)", re.IGNORECASE)
@@ -26,7 +26,7 @@ _ORDERS: Final = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian"
 
 @dataclass(frozen=True)
 class Element:
-    """One kind of rows."""
+    """A table of rows with the same fields."""
 
     name: str
     length: int
@@ -40,24 +40,24 @@ class Header:
     text: bool
     elements: tuple[Element, ...]
     end: int
-    """How many bytes it has."""
+    """Number of bytes of the header."""
     lines: int
-    """How many lines it has."""
+    """Number of lines of the header."""
     notes: tuple[str, ...]
 
 
 def read_header(data: bytes) -> Header:
-    """Return the header of a ply file; capitals count as small letters.
+    """Return the header of a ply file, in which capitals and small letters are equal.
 
     Raises
     ------
     MeshReadError
-        If it does not end, names no format, or has a wrong line that the layout of rows depends on.
+        If the header does not end, names no format, or has an invalid format, element or property line.
     """
     end, first = _END.search(data), MAGIC.match(data)
     if not end or not first:
         raise MeshReadError("the header of the ply file does not " + ("end" if first else "begin"))
-    alone = first.group(1) == b"\r"  # then a newline behind the header is the first byte of a row
+    alone = first.group(1) == b"\r"  # then a newline after the header is the first byte of a row
     text = data[first.end() : end.start()].decode("utf-8", "replace").lower()
     order, name = "", ""
     lengths, fields, unknown = dict[str, int](), dict[str, list[Field]](), list[str]()
@@ -88,7 +88,7 @@ def _field(words: list[str], order: str, number: int) -> Field:
     is_list = words[:1] == ["list"]
     kinds = words[1 if is_list else 0 : -1]
     if not order:
-        raise MeshReadError(f"line {number}: the header of the ply file names no format above its properties")
+        raise MeshReadError(f"line {number}: the header of the ply file names no format before its properties")
     if len(kinds) != (2 if is_list else 1) or any(kind not in _TYPES for kind in kinds):
         _refuse(number, "property " + " ".join(words))
     found = [_ORDERS[order] + ("f8" if order == "ascii" else _TYPES[kind]) for kind in kinds]
@@ -96,4 +96,4 @@ def _field(words: list[str], order: str, number: int) -> Field:
 
 
 def _refuse(number: int, line: str) -> NoReturn:
-    raise MeshReadError(f"line {number}: {shown(line)} means nothing in the header of a ply file")
+    raise MeshReadError(f"line {number}: {shown(line)} is not valid in the header of a ply file")

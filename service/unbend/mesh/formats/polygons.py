@@ -1,9 +1,9 @@
 """Polygons of any format, cut into triangles.
 
-Like other programs, we cut a fan around the first corner where that covers the polygon once. If it does not, we try
-the next four corners: one of the five fits every simple quad and pentagon. Ear clipping (mapbox-earcut) cuts the rest.
-A polygon is judged in the plane normal to its vector area (Newell's normal). Where its corners lie in no plane, its
-outline is largest in that one.
+As in other programs, a fan of triangles around the first corner is used if it covers the polygon exactly once. If it
+does not, fans around the next four corners are tried: in a simple quad or pentagon, one of the five works. Ear clipping
+(mapbox-earcut) cuts all other polygons. Coverage is tested in the plane normal to the polygon's vector area (Newell's
+normal), in which the projected area of a polygon that is not flat is largest.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from unbend.mesh.report import counted_noun
 from unbend.tolerances import FLAT_CORNER
 
 _BLOCK: Final = 2**20  # corners per block
-_TURNS: Final = 5  # corners that fans are tried around: enough for every simple pentagon
-_MOST: Final = 100_000  # corners of a polygon to clip: time grows with their square, and this many take seconds
+_TURNS: Final = 5  # corners that are tried as centres of fans, enough for every simple pentagon
+_MOST: Final = 100_000  # most corners of a polygon for ear clipping, which takes quadratic time: this many take seconds
 
 
 def triangulated(
     vertices: Floats, corners: Indices, counts: Indices, limits: MeshLimits
 ) -> tuple[Indices, tuple[str, ...]]:
-    """Return triangles (m, 3) in the order of their polygons, and notes on polygons that were mended or skipped.
+    """Return triangles (m, 3) in the order of their polygons, and notes on polygons that were changed or skipped.
 
     Parameters
     ----------
@@ -37,13 +37,13 @@ def triangulated(
     corners : (k,) int64
         Indices of vertices, polygon after polygon, each of them valid.
     counts : (p,) int64
-        Corners of each polygon. One of fewer than three is skipped.
+        Number of corners of each polygon. Polygons of fewer than three corners are skipped.
     limits : MeshLimits
 
     Raises
     ------
     MeshTooLargeError
-        If there would be more triangles than `limits` allow; it is raised before they are made.
+        If there would be more triangles than `limits` allow. This is checked before any are made.
     MeshReadError
         If a polygon that needs clipping has more than 100,000 corners.
     """
@@ -51,46 +51,46 @@ def triangulated(
     if (counts == 3).all():
         return corners.reshape(-1, 3), ()
     corners, counts, notes = _tidy(corners, counts)
-    faces, odd, firsts = [np.empty((0, 3), np.int64)], 0, firsts_of(counts)
+    faces, bad, firsts = [np.empty((0, 3), np.int64)], 0, firsts_of(counts)
     for begin, end in _blocks(counts):
         block = corners[firsts[begin] :][: counts[begin:end].sum()]
-        cut, strange = _cut(vertices, block, counts[begin:end])
+        cut, uncovered = _cut(vertices, block, counts[begin:end])
         faces.append(cut)
-        odd += strange
-    if odd:
-        notes += (f"{counted_noun(odd, 'polygon', 'polygons')} with edges that cross, or without an area: cut somehow",)
+        bad += uncovered
+    if bad:
+        notes += (f"{counted_noun(bad, 'polygon', 'polygons')} with crossing edges or no area: cut arbitrarily",)
     return np.concatenate(faces), notes
 
 
 def _tidy(corners: Indices, counts: Indices) -> tuple[Indices, Indices, tuple[str, ...]]:
-    """Return the polygons of three or more corners, without corners that repeat the one before, and notes."""
+    """Return the polygons of three or more corners, without corners that repeat the previous corner, and notes."""
     owner = np.repeat(np.arange(len(counts)), counts)
     following = np.arange(len(corners)) + 1
     last = np.cumsum(counts)[counts > 0]
     following[last - 1] = last - counts[counts > 0]
-    repeated = (corners[following] == corners) & (counts[owner] > 3)  # triangles stay as they are: repair counts them
+    repeated = (corners[following] == corners) & (counts[owner] > 3)  # triangles keep them: repair counts such faces
     counts = counts - np.bincount(owner[repeated], minlength=len(counts))
     kept = counts >= 3
     notes = []
     if number := int(repeated.sum()):
-        notes.append(f"{counted_noun(number, 'corner', 'corners')} skipped: the one before was the same")
+        notes.append(f"{counted_noun(number, 'repeated corner', 'repeated corners')} skipped")
     if number := int((~kept).sum()):
         notes.append(f"{counted_noun(number, 'face', 'faces')} of fewer than three corners skipped")
     return corners[~repeated & kept[owner]], counts[kept], tuple(notes)
 
 
 def _blocks(counts: Indices) -> list[tuple[int, int]]:
-    """Return ranges of polygons, each with about `_BLOCK` corners."""
+    """Return ranges of polygons with about `_BLOCK` corners each."""
     cuts = np.flatnonzero(np.diff(np.cumsum(counts) // _BLOCK)) + 1
     edges = [0, *cuts.tolist(), len(counts)]
     return [(begin, end) for begin, end in itertools.pairwise(edges) if begin < end]
 
 
 def _cut(vertices: Floats, corners: Indices, counts: Indices) -> tuple[Indices, int]:
-    """Return the triangles of some polygons, and how many polygons no triangles cover just once."""
+    """Return the triangles of some polygons, and the number of polygons that no triangulation covers exactly once."""
     faces, owners = _fans(corners, counts)
     wrong = np.flatnonzero(~_covered_once(vertices[corners], counts))
-    pieces, replaced, odd, firsts = [], [np.empty(0, np.int64)], 0, firsts_of(counts)
+    pieces, replaced, bad, firsts = [], [np.empty(0, np.int64)], 0, firsts_of(counts)
     for turn in range(1, _TURNS if len(wrong) else 1):
         sizes = counts[wrong]
         rings = _turned(corners[spans(firsts[wrong], sizes)], sizes, turn)
@@ -104,14 +104,14 @@ def _cut(vertices: Floats, corners: Indices, counts: Indices) -> tuple[Indices, 
         ears, good = _clipped(vertices[ring]) if len(ring) > _TURNS else (np.empty((0, 3), np.int64), False)
         pieces.append(ring[ears])
         replaced.append(np.full(len(ears), polygon))
-        odd += not good
+        bad += not good
     kept = ~np.isin(owners, np.concatenate(replaced))
     order = np.argsort(np.concatenate([owners[kept], *replaced]), kind="stable")
-    return np.concatenate([faces[kept], *pieces])[order], odd
+    return np.concatenate([faces[kept], *pieces])[order], bad
 
 
 def _turned(rings: Indices, counts: Indices, turn: int) -> Indices:
-    """Return the polygons, each begun `turn` corners later."""
+    """Return the polygons, each starting `turn` corners later."""
     firsts = np.repeat(firsts_of(counts), counts)
     return rings[firsts + (np.arange(len(rings)) - firsts + turn) % np.repeat(counts, counts)]
 
@@ -124,9 +124,9 @@ def _fans(corners: Indices, counts: Indices) -> tuple[Indices, Indices]:
 
 
 def _covered_once(points: Floats, counts: Indices) -> Bools:
-    """Say which polygons their fan around the first corner covers, with no triangle turned over and no overlap, (p,).
+    """Return a mask, (p,), of the polygons that the fan around the first corner covers without flips or overlaps.
 
-    A polygon with a corner that is not finite counts as covered: repair drops its triangles and says so.
+    A polygon with a corner that is not finite counts as covered, because repair drops and reports its triangles.
     """
     firsts, each = firsts_of(counts), counts - 2
     with np.errstate(all="ignore"):
@@ -146,9 +146,9 @@ def _covered_once(points: Floats, counts: Indices) -> Bools:
 
 
 def _clipped(points: Floats) -> tuple[Indices, bool]:
-    """Return the triangles of one polygon, as indices of its corners (k, 3), and whether they cover it just once."""
+    """Return the triangles of one polygon, as indices of its corners (k, 3), and whether they cover it exactly once."""
     if len(points) > _MOST:
-        raise MeshReadError(f"a face of {len(points):,} corners that is not convex: up to {_MOST:,} are read")
+        raise MeshReadError(f"a face that is not convex has {len(points):,} corners: at most {_MOST:,} are supported")
     around = points - points[0]
     around /= np.abs(around).max()
     normal = np.cross(around[1:-1], around[2:]).sum(axis=0)
@@ -172,10 +172,10 @@ def _twice_area(triangles: Floats) -> Floats:
 
 
 def _with_all_corners(ears: Indices, count: int) -> Indices:
-    """Return triangles that have every corner of their polygon.
+    """Return the triangles, cut so that every corner of the polygon is used.
 
-    Clipping leaves out corners that lie on a line. The faces beside have these corners, so the surface would crack.
-    A triangle with such corners on an edge is therefore cut there.
+    Ear clipping leaves out corners on a straight side. The neighbouring faces use these corners, so the surface would
+    have gaps there. A triangle with such corners on an edge is therefore cut at the corners.
     """
     edges = {edge for a, b, c in ears.tolist() for edge in ((a, b), (b, c), (c, a))}
     used = set(ears.ravel().tolist())

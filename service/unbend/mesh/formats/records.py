@@ -1,4 +1,4 @@
-"""Binary rows of fields, as in ply and binary off files; a field may be a list with its length before it."""
+"""Binary rows of fields, as in ply and binary off files. A field may be a list that begins with its length."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unbend.errors import MeshReadError
 from unbend.mesh.formats.follow import DOUBLE, ENDED, SCALAR, SIGNED, SINGLE, STRANGE, UNSIGNED, follow, gather
 
 Column = tuple[Any, Indices]
-"""The values of a field, row after row, and how many each row has."""
+"""The values of a field, row after row, and the number of values in each row."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class Field:
 
     name: str
     kind: str
-    """The NumPy type of a value, with its order of bytes."""
+    """The NumPy type of a value, with its byte order."""
     counter: str = ""
-    """The type of the number before the values of a list; empty for a single value."""
+    """The type of the length that begins a list; empty for a single value."""
 
     @property
     def width(self) -> int:
@@ -32,32 +32,33 @@ class Field:
 
     @property
     def counter_width(self) -> int:
-        """Bytes of the number before a list's values, 0 for a single value."""
+        """Bytes of the length that begins a list, 0 for a single value."""
         return np.dtype(self.counter).itemsize if self.counter else 0
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows: their values, and where they lie."""
+    """The values of rows, and the positions of the rows."""
 
     columns: dict[str, Column]
     begins: Indices
-    """The place of each row in the bytes."""
+    """The position of the first byte of each row."""
     end: int
+    """The position after the last row."""
 
 
 def read_rows(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -> Rows:
-    """Return `length` rows that lie in `body` from `start` on.
+    """Return `length` rows from `body`, starting at `start`.
 
     Raises
     ------
     MeshReadError
-        If the bytes end before the rows do, or a list has an impossible length. Rows that cannot be there get no
-        memory.
+        If the bytes end before the rows do, or a list has an impossible length. No memory is allocated for more rows
+        than the bytes can contain.
     """
     least = sum(field.counter_width or field.width for field in fields)
     if start + least * length > len(body):
-        raise MeshReadError(f"the file ends early: {length:,} rows announced, and there is no room for them")
+        raise MeshReadError(f"the file ends early: it announces {length:,} rows, which need more bytes than it has")
     if length == 0 or not fields:
         nothing = np.empty(0), np.empty(0, np.int64)
         return Rows({field.name: nothing for field in fields}, np.empty(0, np.int64), start)
@@ -65,7 +66,7 @@ def read_rows(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -
 
 
 def _alike(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -> Rows | None:
-    """Return rows whose lists are all as long as in the first row; None if they are not."""
+    """Return rows in which every list is as long as in the first row; None if the lengths differ."""
     places, position = [], start
     for field in fields:
         count = 1
@@ -91,7 +92,7 @@ def _alike(body: bytes, start: int, length: int, fields: tuple[Field, ...]) -> R
 
 
 def _count(body: bytes, position: int, counter: str) -> int:
-    """Return the length before a list, -1 if it is missing or impossible."""
+    """Return the length that begins a list, -1 if it is missing or impossible."""
     if position + np.dtype(counter).itemsize > len(body):
         return -1
     number = float(np.frombuffer(body, counter, 1, position)[0])
@@ -108,9 +109,9 @@ def _one_by_one(body: bytes, start: int, length: int, fields: tuple[Field, ...])
     big = any(field.counter.startswith(">") for field in fields)
     end, number = follow(raw, start, widths, kinds, sizes, big, places, counts)
     if end == ENDED:
-        raise MeshReadError("the file ends early: rows that it announces are missing")
+        raise MeshReadError("the file ends early: it has fewer rows than it announces")
     if end == STRANGE:
-        raise MeshReadError(f"a list of {number:.15g} values")
+        raise MeshReadError(f"a list has the invalid length {number:.15g}")
     columns = {
         field.name: (_gathered(raw, field, places[:, number].copy(), counts[:, number].copy()), counts[:, number])
         for number, field in enumerate(fields)

@@ -1,4 +1,4 @@
-"""The readers and writers of formats, in the order of their content tests: the most certain test comes first."""
+"""The readers and writers of all formats, in the order in which their content tests run: the most certain first."""
 
 from __future__ import annotations
 

@@ -8,10 +8,10 @@ from unbend.arrays import Indices
 
 
 def firsts_of(counts: Indices) -> Indices:
-    """Return where each run begins, (n,), if runs of lengths `counts` (n,) lie one after the other."""
+    """Return the start of each run, (n,), for consecutive runs of lengths `counts` (n,)."""
     return np.cumsum(counts) - counts
 
 
 def spans(firsts: Indices, counts: Indices) -> Indices:
-    """Return the indices of runs, run after run: `counts` (n,) of them from each of `firsts` (n,) on."""
+    """Return the indices of all runs, run after run. Each run has `counts` (n,) indices and starts at `firsts` (n,)."""
     return np.repeat(firsts - firsts_of(counts), counts) + np.arange(int(counts.sum()))

@@ -1,7 +1,7 @@
-"""stl files, binary or text: facets, each with corners of its own.
+"""stl files, binary or text: facets that share no corners.
 
-The length shows a binary file, whatever its header begins with: it has 84 bytes and 50 for each facet it announces.
-Bytes behind the last facet are skipped. In text, only the names of solids depend on line ends.
+The length identifies a binary file, whatever its header begins with: 84 bytes, and 50 for each facet that it announces.
+Bytes after the last facet are skipped. In text, line ends matter only after the names of solids.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from unbend.mesh.formats.text import MARK, plain, shown, table, without_comments
 from unbend.mesh.limits import MeshLimits
 from unbend.mesh.report import counted_noun
 
-_HEAD: Final = 2**16  # bytes in which a text file has its first facet
+_HEAD: Final = 2**16  # bytes that are searched for the first facet of a text file
 _HEADER: Final = 84
 _FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_LOOKED_AT: Final = 100  # facets that are checked where bytes follow the last one
-_SIZES: Final = 1e-30, 1e30  # coordinates beyond these are not taken for any
+_LOOKED_AT: Final = 100  # facets that are checked if bytes follow the last facet
+_SIZES: Final = 1e-30, 1e30  # numbers outside this range do not count as coordinates
 _TEXT: Final = re.compile(rb"(?:%b)?\s*(?:solid\b|facet\s)" % MARK, re.IGNORECASE)
 _SOLID: Final = re.compile(rb"\b(end[ \t]*)?solid\b(?:(?!\bfacet\s{1,9}normal\b)[^\n])*")
 _KEYWORD: Final = re.compile(rb"(?<=\S)(?<!end)[ \t]+(facet|outer|vertex|endloop|endfacet|end)\b")
@@ -38,7 +38,7 @@ _WORDS: Final = (*_BOUNDS, b"vertex", b"color")
 
 
 def recognises(data: bytes) -> bool:
-    """Say whether a file has the length of a binary one, or begins as text does."""
+    """Return whether a file has the length of a binary stl file, or begins like a text one."""
     return _binary(data) or _text(data)
 
 
@@ -53,7 +53,7 @@ def _announced_facets(data: bytes) -> int:
 
 
 def _plausible(data: bytes, facets: int) -> bool:
-    """Say whether the first facets have coordinates of a usual size: random bytes do not."""
+    """Return whether the first facets have coordinates of a usual size, unlike random bytes."""
     found: Any = np.abs(np.frombuffer(data, _FACET, min(facets, _LOOKED_AT), _HEADER)["corners"])
     sound = (found == 0) | ((found > _SIZES[0]) & (found < _SIZES[1]))
     return bool(sound.all() and found.any())
@@ -65,24 +65,24 @@ def _text(data: bytes) -> bool:
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return 0 vertices, as their places are not known yet, and the facets announced or, in text, ended."""
+    """Return 0 vertices, because equal corners are not merged yet, and the facets announced or, in text, counted."""
     if _text(data) and not _binary(data):
         return 0, data.count(b"endfacet") + data.count(b"ENDFACET")
     return 0, _announced_facets(data)
 
 
 def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
-    """Return the facets of an stl file: three vertices for each, in the order of the file."""
+    """Return the facets of an stl file. Each corner is a vertex, in the order of the file."""
     if _text(data) and not _binary(data):
         return _read_text(data, limits)
     if len(data) < _HEADER:
-        what = f"has {len(data)} bytes where its header has {_HEADER}"
-        raise MeshReadError(f"the stl file is no text that begins with a solid or a facet, and {what}")
+        what = f"too short for a binary file: {len(data)} bytes, while the header alone has {_HEADER}"
+        raise MeshReadError(f"the stl file does not begin with a solid or a facet, and is {what}")
     if not _CONTROL.search(data, 0, _HEAD):
-        raise MeshReadError("the stl file is text, and does not begin with a facet or a solid that has one")
+        raise MeshReadError("the stl file is text, but does not begin with a facet or with a solid that has one")
     announced_, there = _announced_facets(data), (len(data) - _HEADER) // _FACET.itemsize
     if announced_ > there or (there and not announced_):
-        raise MeshReadError(f"the stl file announces {announced_:,} facets, and there are {there:,}")
+        raise MeshReadError(f"the stl file announces {announced_:,} facets, but has {there:,}")
     facets: Any = np.frombuffer(data, _FACET, announced_, _HEADER)
     vertices = facets["corners"].astype(np.float64).reshape(-1, 3)
     behind = len(data) - _HEADER - announced_ * _FACET.itemsize
@@ -92,7 +92,7 @@ def read(data: bytes, limits: MeshLimits) -> ParsedMesh:
 def _read_text(data: bytes, limits: MeshLimits) -> ParsedMesh:
     text = without_comments(plain(data)).lower()
     ends = [bool(found) for found in _SOLID.findall(text)]
-    # \v begins a line at each keyword, so that newlines still count the lines of the file
+    # A vertical tab begins a line at each keyword, so that newlines still count the lines of the file.
     text = _KEYWORD.sub(rb"\v\1", _SOLID.sub(b"", text))
     lines = [line.strip() for line in text.replace(b"\v", b"\n").split(b"\n")]
 
@@ -108,7 +108,7 @@ def _read_text(data: bytes, limits: MeshLimits) -> ParsedMesh:
     many = int((counts > 3).sum())
     if many:
         notes += (f"{counted_noun(many, 'facet', 'facets')} of more than three corners cut into triangles",)
-    return ParsedMesh(vertices, faces, notes + _told(lines, ends))
+    return ParsedMesh(vertices, faces, notes + _notes(lines, ends))
 
 
 def _vertices(lines: list[bytes], place: Callable[[int], str]) -> Floats:
@@ -120,31 +120,31 @@ def _vertices(lines: list[bytes], place: Callable[[int], str]) -> Floats:
 
 
 def _corners(lines: list[bytes], at: Indices, place: Callable[[int], str]) -> Indices:
-    """Return how many corners each facet, or each loop of a facet, has; `at` are the lines of vertices."""
+    """Return the number of corners of each facet, or of each loop of a facet; `at` are the lines of vertices."""
     bounds = np.flatnonzero([line.startswith(_BOUNDS) for line in lines])
     begins = np.array([lines[number].startswith(_BEGINS) for number in bounds], bool)
     facets = np.array([lines[number].startswith(b"facet") for number in bounds], bool)
     behind = np.searchsorted(bounds, at) - 1  # the boundary above each vertex
     outside = np.flatnonzero((behind < 0) | ~np.append(begins, False)[behind])
     if len(outside):
-        raise MeshReadError(f"{place(int(at[outside[0]]))}: a vertex outside a facet")
+        raise MeshReadError(f"{place(int(at[outside[0]]))}: a vertex is outside a facet")
     counts = np.bincount(behind, minlength=len(bounds))
-    holds_loops = facets & np.append(begins[1:] & ~facets[1:], False) & (counts == 0)
-    few = np.flatnonzero(begins & ~holds_loops & (counts < 3))
+    has_loops = facets & np.append(begins[1:] & ~facets[1:], False) & (counts == 0)
+    few = np.flatnonzero(begins & ~has_loops & (counts < 3))
     if len(few):
-        what = f"a facet with {counts[few[0]]} of three corners"
+        what = f"a facet has only {counts[few[0]]} of three corners"
         raise MeshReadError(f"{place(int(bounds[few[0]]))}: {what}")
-    held: Indices = counts[begins & ~holds_loops]
-    return held
+    sizes: Indices = counts[begins & ~has_loops]
+    return sizes
 
 
-def _told(lines: list[bytes], ends: list[bool]) -> tuple[str, ...]:
+def _notes(lines: list[bytes], ends: list[bool]) -> tuple[str, ...]:
     notes = []
-    strange = sum(1 for line in lines if line and not line.startswith(_WORDS))
-    if strange:
-        notes.append(f"{counted_noun(strange, 'line', 'lines')} skipped that mean nothing in an stl file")
+    unknown = sum(1 for line in lines if line and not line.startswith(_WORDS))
+    if unknown:
+        notes.append(f"{counted_noun(unknown, 'unknown line', 'unknown lines')} skipped")
     if ends != [False, True] * (len(ends) // 2):
-        notes.append("a solid of the stl file does not begin or does not end; every facet is whole")
+        notes.append("a solid of the stl file has no beginning or no end, but every facet is complete")
     return tuple(notes)
 
 

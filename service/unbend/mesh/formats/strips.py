@@ -1,4 +1,4 @@
-"""Strips of triangles, as glb and ply files have them: each corner makes a triangle with the two before it."""
+"""Strips of triangles, as in glb and ply files: each corner forms a triangle with the previous two."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from unbend.mesh.formats.spans import firsts_of, spans
 
 
 def strip_faces(corners: Indices, separators: Bools) -> Indices:
-    """Return the triangles (m, 3) of strips that lie one after the other in `corners` (k,).
+    """Return the triangles (m, 3) of consecutive strips in `corners` (k,).
 
-    `separators` (k,) are True where an entry is no corner but separates two strips. Every second triangle of a strip
-    is turned around, so that all face the same side.
+    `separators` (k,) are True at entries that are not corners but separate two strips. Every second triangle of a strip
+    is reversed, so that all have the same orientation.
     """
     edges = np.flatnonzero(np.concatenate([[True], separators, [True]]))
     lengths = np.maximum(np.diff(edges) - 3, 0)

@@ -1,4 +1,4 @@
-"""Analytic surfaces with known isometries, and articulated figures: the ground truth of tests and demos."""
+"""Analytic surfaces with known isometries, and articulated figures, as ground truth for tests and demos."""
 
 from unbend.mesh.shapes.closed import ellipsoid, sphere, tetrahedron, torus
 from unbend.mesh.shapes.collection import DEMO_COUNT, DEMO_LABELS, LabelledShape, demo_shapes

@@ -1,4 +1,4 @@
-"""Argument checks shared by the generators: each returns its argument or raises ParameterError."""
+"""Argument checks of the generators. Each check returns its argument or raises ParameterError."""
 
 from __future__ import annotations
 

@@ -14,12 +14,12 @@ from unbend.mesh.surface import Surface
 
 
 def sphere(subdivisions: int = 3, *, radius: float = 1.0) -> Surface:
-    """Return an icosphere: an icosahedron whose triangles are split in four, again and again.
+    """Return an icosphere: an icosahedron whose triangles are repeatedly split in four.
 
     Parameters
     ----------
     subdivisions : int, default 3
-        From 0 (the icosahedron) to 7; there are 10 * 4^subdivisions + 2 vertices.
+        From 0 (the icosahedron) to 7. The sphere has 10 * 4^subdivisions + 2 vertices.
     radius : float, default 1.0
         Distance of every vertex from the origin.
 
@@ -41,7 +41,7 @@ def ellipsoid(semi_axes: tuple[float, float, float] = (1.0, 0.75, 0.5), *, subdi
     Parameters
     ----------
     semi_axes : three floats, default (1.0, 0.75, 0.5)
-        Half the extent along each axis.
+        Half of the extent along each axis.
     subdivisions : int, default 3
         As in `sphere`.
 
@@ -62,7 +62,7 @@ def torus(major: float = 1.0, minor: float = 0.4, *, columns: int = 60, rows: in
     Parameters
     ----------
     major, minor : float, default 1.0 and 0.4
-        Radius of the circle in the middle of the tube, and of the tube; minor < major.
+        Radius of the circle in the middle of the tube, and radius of the tube; minor < major.
     columns, rows : int, default 60 and 24
         Cells around the axis and around the tube, at least 3 each.
 
@@ -94,7 +94,7 @@ def tetrahedron(edge: float = 1.0) -> Surface:
 
 
 def _icosahedron() -> tuple[Floats, Indices]:
-    """Two poles and two staggered rings of five, at the heights +-1 / sqrt(5) of the unit sphere."""
+    """Return two poles and two staggered rings of five vertices, at the heights +-1 / sqrt(5) of the unit sphere."""
     turn = np.arange(5) * 2 * math.pi / 5
     height, ring = 1 / math.sqrt(5), 2 / math.sqrt(5)
     upper = np.stack([ring * np.cos(turn), ring * np.sin(turn), np.full(5, height)], axis=1)

@@ -18,13 +18,13 @@ from unbend.mesh.shapes.tubes import bent_tube, pin_profile
 from unbend.mesh.surface import Surface
 
 POSES = 6
-"""Members of each class."""
+"""Number of shapes in each class."""
 
 DEMO_LABELS = ("sheet", "helicoid", "cone", "tube", "pin", *FIGURES)
 """Classes of the collection."""
 
 DEMO_COUNT = POSES * len(DEMO_LABELS)
-"""Shapes of the collection."""
+"""Number of shapes in the collection."""
 
 Maker = Callable[[], Surface]
 
@@ -36,9 +36,9 @@ class LabelledShape:
     Parameters
     ----------
     name : str
-        Unique, the label and the number of the pose, like "biped-03".
+        Unique: the label and the number of the pose, like "biped-03".
     label : str
-        The class: shapes of one class are isometric, or nearly so.
+        The class. Shapes of one class are isometric or nearly isometric.
     surface : Surface
         500 to 2,500 vertices.
     """
@@ -49,15 +49,15 @@ class LabelledShape:
 
 
 def demo_shapes() -> Iterator[LabelledShape]:
-    """Yield the collection's shapes one by one, class by class, six poses each, always the same.
+    """Yield the shapes of the collection, class by class, with six poses of each class. They are always the same.
 
-    Every shape is turned by a random rotation of its own, since a signature must not depend on it. The classes
-    "sheet", "helicoid" and "cone" are isometric on the smooth surfaces; the others nearly so.
+    Every shape is turned by a random rotation, because a signature must not depend on rotations. In the classes
+    "sheet", "helicoid" and "cone" the smooth surfaces are isometric; in the others they are nearly isometric.
 
     Yields
     ------
     LabelledShape
-        Made only when asked for.
+        Each shape is made only when it is requested.
     """
     for class_number, (label, makers) in enumerate(_classes().items()):
         for pose, make in enumerate(makers):
@@ -88,6 +88,6 @@ def _classes() -> dict[str, list[Maker]]:
 
 
 def _turned(surface: Surface, generator: np.random.Generator) -> Surface:
-    """Return the surface after a uniformly random rotation: a normal quaternion has no preferred direction."""
+    """Return the surface after a uniformly random rotation, because a normal quaternion has no preferred direction."""
     turn = Rotation.from_quat(generator.normal(size=4)).as_matrix()
     return Surface(surface.vertices @ turn.T, surface.faces)

@@ -15,7 +15,7 @@ from unbend.errors import ParameterError
 from unbend.mesh.shapes.checks import one_of, positive
 
 SAMPLES = 4001
-"""Points a curve is sampled at; at 20 radians of turning its speed is then off by about 1e-6."""
+"""Number of sample points of a curve. If the curve turns by 20 radians, its speed is wrong by about 1e-6."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class SpaceCurve:
     length : float
         Arc length.
     spline : CubicSpline
-        From the arc length, 0 to `length`, to the point; made by `SpaceCurve.through`.
+        The point as a function of the arc length, from 0 to `length`. `SpaceCurve.through` makes it.
     """
 
     length: float
@@ -40,10 +40,10 @@ class SpaceCurve:
         Parameters
         ----------
         points : (n, 3)
-            Samples in order, n >= 4, each apart from the next; the arc length is that of the polygon, so
-            the speed is off by (turning / n)^2 / 24.
+            Samples in order, n >= 4, each different from the next. The arc length is that of the polygon, so the speed
+            is wrong by (turning / n)^2 / 24.
         length : float, optional
-            Scale the curve about the origin so that it has this length.
+            Length to which the curve is scaled about the origin.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class SpaceCurve:
             raise ParameterError(f"points must be at least 4 finite points in space, not {points.shape}")
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if steps.min() <= 0:
-            raise ParameterError("points must differ from one to the next")
+            raise ParameterError("successive points must differ")
         arc = np.concatenate([[0.0], np.cumsum(steps)])
         scale = 1.0 if length is None else positive("length", length) / arc[-1]
         return cls(float(arc[-1] * scale), CubicSpline(arc * scale, points * scale))
@@ -71,7 +71,7 @@ class SpaceCurve:
 
 
 def _turning(tangent_angle: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-    """Return the plane curve whose tangent has the angle given at each parameter from 0 to 1."""
+    """Return the plane curve whose tangent has the angle `tangent_angle` at each parameter from 0 to 1."""
 
     def points(p: Floats) -> Floats:
         angle = tangent_angle(p)
@@ -87,7 +87,7 @@ def _helix(p: Floats) -> Floats:
 
 
 def _loop(p: Floats) -> Floats:
-    """Return a turn and a half whose ends pass each other, well apart in z."""
+    """Return one and a half turns whose ends pass each other, well apart in z."""
     angle = 2 * math.pi * 1.5 * p
     return np.stack([np.cos(angle), np.sin(angle) + 1.6 * p, 2.2 * p], axis=1)
 
@@ -95,7 +95,7 @@ def _loop(p: Floats) -> Floats:
 def _knot(p: Floats) -> Floats:
     """Return the trefoil (sin t + 2.5 sin 2t, cos t - 2.5 cos 2t, -1.4 sin 3t) without a quarter of it.
 
-    The coefficients are those that keep it furthest from itself, among the ones tried.
+    Among the coefficients tried, these keep the parts of the curve farthest from each other.
     """
     t = 2 * math.pi * (0.12 + 0.76 * p)
     x, y = np.sin(t) + 2.5 * np.sin(2 * t), np.cos(t) - 2.5 * np.cos(2 * t)
@@ -105,7 +105,7 @@ def _knot(p: Floats) -> Floats:
 _POSES: dict[str, Callable[[Floats], Floats]] = {
     "straight": _turning(np.zeros_like),
     "arc": _turning(lambda p: 1.3 * math.pi * p),
-    "s": _turning(lambda p: 1.9 * np.sin(2 * math.pi * p)),  # the sine-generated curve of rivers' meanders
+    "s": _turning(lambda p: 1.9 * np.sin(2 * math.pi * p)),  # a sine-generated curve, the shape of river meanders
     "wave": _turning(lambda p: 1.3 * np.cos(4 * math.pi * p)),
     "spiral": _turning(lambda p: 6.2 * p**1.8),
     "helix": _helix,

@@ -1,4 +1,4 @@
-"""Articulated figures in endless poses: nearly isometric within a kind, different between kinds."""
+"""Articulated figures in any number of poses: nearly isometric within a kind, different between kinds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIGURES: tuple[str, ...] = tuple(SKELETONS)
 DEFAULT_RESOLUTION = 2000
 
 CANDIDATES = 5
-"""Draws of a pose before giving up on a resolution; at the default one nearly every first draw is good."""
+"""Number of random poses tried before an error. At the default resolution nearly every first pose is valid."""
 
 
 def figure(
@@ -30,23 +30,23 @@ def figure(
 ) -> Surface:
     """Return an articulated figure in one of its poses.
 
-    The skin is the zero set of the blended signed distances of the skeleton's rounded cones, polygonised by
-    surface nets. Joints turn at the centres of balls, so the skin's area and geodesic distances hardly depend on
-    the pose. Limbs are kept apart, so every pose is a sphere topologically.
+    The skin is the zero set of the blended signed distances of the skeleton's rounded cones, polygonised by surface
+    nets. Joints turn at the centres of balls, so the skin's area and geodesic distances hardly depend on the pose.
+    Limbs stay apart, so every pose is topologically a sphere.
 
     Parameters
     ----------
     kind : str
         One of `FIGURES`.
     pose : int, default 0
-        0 is the rest pose; every other number, up to 2^31, is another pose drawn within the joints' limits
-        (and drawn again in the rare case that its limbs would grow together on the grid).
+        0 is the rest pose. Every other number, up to 2^31, is a random pose within the limits of the joints. In the
+        rare case that limbs would merge on the grid, the pose is drawn again.
     resolution : int, default 2000
-        Roughly the number of vertices, from 1,500 to 100,000.
+        Approximate number of vertices, from 1,500 to 100,000.
     scale : float, default 1.0
-        Multiplies all coordinates; at 1.0 a figure measures one to three units.
+        Factor of all coordinates. At 1.0 a figure measures one to three units.
     seed : int, default 0
-        Chooses another series of poses.
+        Number of the series of poses.
 
     Returns
     -------
@@ -56,8 +56,8 @@ def figure(
     Raises
     ------
     ParameterError
-        If there is no such kind, another argument is out of its range, or the resolution is too low for the
-        figure's thinnest parts.
+        If there is no such kind, another argument is out of its range, or the resolution is too low for the thinnest
+        parts of the figure.
     """
     skeleton = SKELETONS[one_of("kind", kind, FIGURES)]
     pose, seed = at_least("pose", pose, 0, 2**31), at_least("seed", seed, 0, 2**31)
@@ -71,11 +71,11 @@ def figure(
 
 
 def _candidates(skeleton: Skeleton, seeds: list[int]) -> Iterator[BlendedCones]:
-    """Yield the rest pose if the last seed is 0, else the first few random poses of these seeds."""
+    """Yield the rest pose if the last seed is 0, otherwise a few random poses from these seeds."""
     if seeds[-1] == 0:
         yield skeleton.rest()
         return
-    # Two thirds of a cell of the default grid, whatever the resolution, so that a pose does not depend on it.
+    # Two thirds of a cell of the default grid, so that a pose does not depend on the resolution.
     clearance = 0.66 * _cell(skeleton.skin, DEFAULT_RESOLUTION)
     generator = np.random.default_rng(seeds)
     for _ in range(CANDIDATES):
@@ -83,7 +83,7 @@ def _candidates(skeleton: Skeleton, seeds: list[int]) -> Iterator[BlendedCones]:
 
 
 def _cell(skin: float, resolution: int) -> float:
-    """Return the grid's cell for so many vertices: a net has about 1.5 per squared cell of area."""
+    """Return the cell size for about `resolution` vertices. A net has about 1.5 vertices per squared cell of area."""
     return math.sqrt(1.5 * skin / resolution)
 
 
@@ -99,7 +99,7 @@ def _skin(cones: BlendedCones, cell: float) -> Surface | None:
 
 
 def _box(cones: BlendedCones, cell: float) -> tuple[Floats, tuple[int, int, int]]:
-    """Return the origin and the shape of a grid that holds the cones and two cells around them."""
+    """Return the origin and the shape of a grid that contains the cones and two cells around them."""
     reach = cones.radii.max(axis=1)[:, None]
     low = np.minimum(cones.starts, cones.ends) - reach
     high = np.maximum(cones.starts, cones.ends) + reach
@@ -109,7 +109,7 @@ def _box(cones: BlendedCones, cell: float) -> tuple[Floats, tuple[int, int, int]
 
 
 def _is_sphere(surface: Surface) -> bool:
-    """Whether every edge has two faces, once in each direction, and the Euler characteristic is 2."""
+    """Return whether every edge occurs once in each direction, and the Euler characteristic is 2."""
     faces, count = surface.faces.astype(np.int64), len(surface.vertices)
     directed = (faces * count + np.roll(faces, -1, axis=1)).ravel()
     opposite = (np.roll(faces, -1, axis=1) * count + faces).ravel()

@@ -13,7 +13,7 @@ TRIANGULATIONS: tuple[str, ...] = ("alternating", "uniform")
 
 
 def grid_parameters(columns: int, rows: int) -> tuple[Floats, Floats]:
-    """Return (u, v), each ((rows + 1) * (columns + 1),), from 0 to 1, u running fastest."""
+    """Return (u, v), each ((rows + 1) * (columns + 1),), from 0 to 1; u changes fastest."""
     v, u = np.meshgrid(np.linspace(0.0, 1.0, rows + 1), np.linspace(0.0, 1.0, columns + 1), indexing="ij")
     return u.ravel(), v.ravel()
 
@@ -21,8 +21,8 @@ def grid_parameters(columns: int, rows: int) -> tuple[Floats, Floats]:
 def grid_quads(columns: int, rows: int, *, periodic: tuple[bool, bool] = (False, False)) -> Indices:
     """Return the corners of each cell, (columns * rows, 4), counter-clockwise in the (u, v) plane.
 
-    `periodic` says whether u (columns) and v (rows) wrap around; a direction that wraps has as many vertices
-    as cells, an open one has one more.
+    `periodic` says whether u (columns) and v (rows) wrap around. A direction that wraps has as many vertices as cells;
+    an open direction has one more vertex.
     """
     across, down = columns + (not periodic[0]), rows + (not periodic[1])
     row, column = (index.ravel() for index in np.indices((rows, columns)))
@@ -45,8 +45,8 @@ def grid_faces(
 ) -> Indices:
     """Return the triangles of a grid, (2 * columns * rows, 3).
 
-    "alternating" turns the diagonals like a chessboard, so that no direction is preferred; "uniform" gives
-    every vertex the same six neighbours.
+    "alternating" alternates the diagonals like the colours of a chessboard, so that no direction is preferred.
+    "uniform" makes all diagonals parallel, so that every inner vertex has six neighbours.
     """
     row, column = (index.ravel() for index in np.indices((rows, columns)))
     turned = (row + column) % 2 == 1 if triangulation == "alternating" else np.zeros(rows * columns, bool)

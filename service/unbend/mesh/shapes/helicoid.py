@@ -21,19 +21,19 @@ def helicoid_catenoid(
         helicoid = (sinh v sin u, -sinh v cos u, u),    catenoid = (cosh v cos u, cosh v sin u, v).
 
     Every member has the metric cosh(v)^2 (du^2 + dv^2) (do Carmo 1976, section 4-2), so all of them are
-    isometric, with area span * (reach + sinh(2 reach) / 2). The domain stops short of a full turn in u, so the
-    catenoid keeps a slit along v: without it the helicoid, which is simply connected, would not be isometric.
+    isometric, with area span * (reach + sinh(2 reach) / 2). The domain is shorter than a full turn in u, so the
+    catenoid has a slit along v. Without the slit it would not be isometric to the helicoid, which is simply connected.
 
     Parameters
     ----------
     t : float, default 0.0
-        0 is the helicoid, pi / 2 the catenoid; from -pi / 2 to pi / 2.
+        From -pi / 2 to pi / 2. 0 is the helicoid, pi / 2 the catenoid.
     columns, rows : int, default 60 and 20
         Cells along u and v.
     span : float, default 0.95 * 2 pi
         Length of the domain in u, radians, from 0.1 to 0.99 * 2 pi.
     reach : float, default 1.0
-        Half the length of the domain in v, from 0.1 to 3.
+        Half of the length of the domain in v, from 0.1 to 3.
 
     Returns
     -------

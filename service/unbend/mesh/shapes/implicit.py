@@ -11,7 +11,7 @@ from unbend.arrays import Floats, Indices
 
 @dataclass(frozen=True, eq=False)
 class BlendedCones:
-    """The union of rounded cones, where only chosen pairs melt together.
+    """The union of rounded cones, in which only chosen pairs are blended.
 
     Parameters
     ----------
@@ -20,10 +20,10 @@ class BlendedCones:
     radii : (b, 2)
         Radii of the balls at the start and at the end; a rounded cone is the convex hull of two balls.
     pairs : (m, 2) int
-        Which cones melt into each other. All others only meet in a crease where they overlap, so that limbs
-        that come close do not grow together.
+        Pairs of cones that blend. All other cones meet in a crease where they overlap, so that limbs that come close do
+        not grow together.
     blends : (m,)
-        Width of each pair's blend, k below.
+        Width of the blend of each pair, the k of `_blended`.
     """
 
     starts: Floats
@@ -33,11 +33,11 @@ class BlendedCones:
     blends: Floats
 
     def distance(self, points: Floats) -> Floats:
-        """Return the signed distance (n,) of points (n, 3), negative inside; it is a bound within a blend."""
+        """Return the signed distance (n,) of points (n, 3), negative inside. Within a blend it is only a bound."""
         cones = np.stack([self._cone(bone, points)[0] for bone in range(len(self.starts))])
         result: Floats = cones.min(axis=0)
         for (first, second), blend in zip(self.pairs, self.blends, strict=True):
-            np.minimum(result, _melted(cones[first], cones[second], blend)[0], out=result)
+            np.minimum(result, _blended(cones[first], cones[second], blend)[0], out=result)
         return result
 
     def gradient(self, points: Floats) -> tuple[Floats, Floats]:
@@ -46,10 +46,10 @@ class BlendedCones:
         best = np.argmin(np.stack(cones), axis=0)
         distance, slope = np.stack(cones).min(axis=0), np.stack(slopes)[best, np.arange(len(points))]
         for (first, second), blend in zip(self.pairs, self.blends, strict=True):
-            melted, weight = _melted(cones[first], cones[second], blend)
+            blended, weight = _blended(cones[first], cones[second], blend)
             mixed = (1 - weight)[:, None] * slopes[first] + weight[:, None] * slopes[second]
-            nearer = melted < distance
-            distance, slope = np.where(nearer, melted, distance), np.where(nearer[:, None], mixed, slope)
+            nearer = blended < distance
+            distance, slope = np.where(nearer, blended, distance), np.where(nearer[:, None], mixed, slope)
         return distance, slope
 
     def _cone(self, bone: int, points: Floats) -> tuple[Floats, Floats]:
@@ -72,11 +72,11 @@ class BlendedCones:
         return span - (first + sigma * tau), (offset - tau[:, None] * unit) / span[:, None]
 
 
-def _melted(a: Floats, b: Floats, width: float) -> tuple[Floats, Floats]:
-    """Return the quadratic smooth minimum min(a, b) - k h^2 / 4, h = max(1 - |a - b| / k, 0), and db's weight.
+def _blended(a: Floats, b: Floats, width: float) -> tuple[Floats, Floats]:
+    """Return the quadratic smooth minimum min(a, b) - k h^2 / 4, h = max(1 - |a - b| / k, 0), and its derivative by b.
 
-    It differs from the minimum only where |a - b| < k (Quilez, "Smooth minimum"); its derivative by b is h / 2
-    where a is the smaller one, and 1 - h / 2 elsewhere.
+    It differs from the minimum only where |a - b| < k (Quilez, "Smooth minimum"). The derivative by b is h / 2 where
+    a < b, and 1 - h / 2 elsewhere.
     """
     h = np.maximum(1 - np.abs(a - b) / width, 0.0)
     return np.minimum(a, b) - width * h * h / 4, np.where(a < b, h / 2, 1 - h / 2)

@@ -1,8 +1,8 @@
-"""Polygonising the zero set of a function on a grid: surface nets that stay manifold.
+"""Polygonisation of the zero set of a function on a grid, by surface nets that are always manifold.
 
-One quad per crossed grid edge and one vertex per cell that the surface crosses (Gibson 1998, "Constrained elastic
-surface nets"), or several where several sheets pass through the cell (Nielson 2004, "Dual marching cubes").
-The net is then relaxed along the surface and moved onto it by Newton steps.
+The net has a quad for each crossed grid edge, and a vertex in each cell that the surface crosses (Gibson 1998,
+"Constrained elastic surface nets"), or several vertices if several sheets pass through the cell (Nielson 2004, "Dual
+marching cubes"). Then the net is relaxed along the surface and moved onto it by Newton steps.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ EDGES = np.array([(a, a + step) for step in (1, 2, 4) for a in range(8) if not a
 """The twelve edges of a cell as pairs of corner numbers, (12, 2)."""
 
 FACES = tuple((a, a + i, a + i + j, a + j) for i, j in ((1, 2), (2, 4), (4, 1)) for a in (0, 7 - i - j))
-"""The corners of each face of a cell, in turn."""
+"""The corners of each face of a cell, in their order around the face."""
 
 
 def surface_net(values: Floats, origin: Floats, cell: float) -> tuple[Floats, Indices]:
@@ -36,7 +36,7 @@ def surface_net(values: Floats, origin: Floats, cell: float) -> tuple[Floats, In
     Parameters
     ----------
     values : (i, j, k)
-        Samples, negative inside; positive on the border of the grid, so that the net is closed.
+        Samples, negative inside. They must be positive on the border of the grid, so that the net is closed.
     origin : (3,)
         Position of values[0, 0, 0].
     cell : float
@@ -61,10 +61,10 @@ def surface_net(values: Floats, origin: Floats, cell: float) -> tuple[Floats, In
 
 
 def relaxed(vertices: Floats, quads: Indices, gradient: Gradient, cell: float, *, rounds: int = 6) -> Floats:
-    """Return the vertices moved halfway to their neighbours' mean and back onto the surface, `rounds` times."""
+    """Move the vertices halfway to the mean of their neighbours and back onto the surface, `rounds` times."""
     rows, columns = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     ones = np.ones(len(rows))
-    # Every edge has two quads, which run along it in opposite ways, so each neighbour is counted once.
+    # The two quads of an edge traverse it in opposite directions, so each neighbour is counted once.
     neighbours = coo_array((ones, (rows, columns)), shape=(len(vertices),) * 2).tocsr()
     degree: Floats = np.asarray(neighbours.sum(axis=1)).ravel()[:, None]
     vertices = _projected(vertices, gradient, cell, steps=2)
@@ -82,9 +82,9 @@ def triangulated(vertices: Floats, quads: Indices) -> Indices:
 
 
 def largest_component(vertices: Floats, quads: Indices) -> tuple[Floats, Indices, int]:
-    """Return the connected part with the most vertices, renumbered, and how many parts are solids.
+    """Return the component with the most vertices, renumbered, and the number of components that are solids.
 
-    A part that encloses a negative volume is the wall of a hollow inside another part, not a solid.
+    A component that encloses a negative volume is not a solid but the wall of a hollow inside another component.
     """
     rows, columns = quads[:, :3].ravel(), quads[:, 1:].ravel()
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(len(vertices),) * 2)
@@ -97,16 +97,16 @@ def largest_component(vertices: Floats, quads: Indices) -> tuple[Floats, Indices
 
 
 def _corner(shape: tuple[int, ...], corner: Indices) -> tuple[slice, ...]:
-    """Return the slice of a grid that holds one corner of every cell."""
+    """Return the slice of a grid that contains one corner of every cell."""
     return tuple(slice(int(c), size - 1 + int(c)) for c, size in zip(corner, shape, strict=True))
 
 
 @cache
 def _sheets() -> Indices:
-    """Return which sheet of the surface crosses each edge of a cell, (256, 12); -1 where none does.
+    """Return the number of the sheet that crosses each edge of a cell, (256, 12), -1 for none.
 
-    Bit k of the row says whether corner k is inside. Two crossings are on one sheet if a face joins them; on a
-    face with four of them, each inside corner is cut off on its own, so that near parts stay apart.
+    Bit k of the row's index says whether corner k is inside. Two crossings are on one sheet if a face connects them. On
+    a face with four crossings, each inside corner is cut off separately, so that near parts stay apart.
     """
     edge = {frozenset(map(int, ends)): number for number, ends in enumerate(EDGES)}
     table = np.full((256, 12), -1, np.int64)
@@ -149,7 +149,7 @@ def _quads(
     along, side, up = np.roll(np.eye(3, dtype=np.int64), -axis, axis=0)  # right-handed
     around = []
     for offset in (side + up, up, 0 * up, side):
-        # Seen from the cell at minus `offset`, the edge starts at the corner `offset`.
+        # In the cell at minus `offset`, the edge starts at the corner `offset`.
         start, end = np.array([offset, offset + along]) @ (4, 2, 1)
         number = int(np.flatnonzero((EDGES[:, 0] == start) & (EDGES[:, 1] == end))[0])
         around.append(vertex[row[tuple((edges - offset).T)], number])
@@ -159,10 +159,10 @@ def _quads(
 
 
 def _projected(vertices: Floats, gradient: Gradient, cell: float, *, steps: int) -> Floats:
-    """Return the vertices after Newton steps p - f grad f / |grad f|^2, none longer than half a cell."""
+    """Return the vertices after Newton steps p - f grad f / |grad f|^2 of at most half a cell."""
     for _ in range(steps):
         distance, slope = gradient(vertices)
-        square = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)  # a crease's gradient may nearly vanish
+        square = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)  # the gradient may nearly vanish at a crease
         step = np.clip(distance / np.sqrt(square), -cell / 2, cell / 2) / np.sqrt(square)
         vertices = vertices - step[:, None] * slope
     return vertices

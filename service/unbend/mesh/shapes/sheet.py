@@ -16,10 +16,10 @@ from unbend.mesh.shapes.grids import TRIANGULATIONS, Triangulation, grid_faces, 
 from unbend.mesh.surface import Surface
 
 PlaneCurve = Callable[[Floats], tuple[Floats, Floats]]
-"""Arc length (n,) to the coordinates x (n,) and z (n,), with unit speed."""
+"""Function from the arc length (n,) to the coordinates x (n,) and z (n,) of a curve of unit speed."""
 
 FULL_TURN = 0.99 * 2 * math.pi
-"""The most an arc may turn: a full circle would bring the sheet's edges together."""
+"""Largest angle of an arc. A full circle would bring the edges of the sheet together."""
 
 
 class SheetGrid(TypedDict, total=False):
@@ -49,16 +49,16 @@ def sheet(
     width, height : float, default 2.0 and 1.0
         Sides along x and y.
     columns, rows : int, default 40 and 20
-        Cells along x and y; each is split into two triangles.
+        Cells along x and y. Each cell is split into two triangles.
     triangulation : {"alternating", "uniform"}
-        How the cells' diagonals run: like a chessboard, or all the same way.
+        Directions of the cells' diagonals: alternating like the colours of a chessboard, or all equal.
     shear : float, default 0.0
         Adds `shear * y` to x, which makes a parallelogram with obtuse triangles and the same area.
 
     Returns
     -------
     Surface
-        (columns + 1) * (rows + 1) vertices, 2 * columns * rows faces with normals along +z.
+        With (columns + 1) * (rows + 1) vertices, and 2 * columns * rows faces with normals along +z.
 
     Raises
     ------
@@ -76,18 +76,18 @@ def sheet(
 
 
 def bend(flat: Surface, curve: PlaneCurve) -> Surface:
-    """Sweep a unit-speed plane curve along y, carrying a flat surface with it.
+    """Bend a flat surface onto the cylinder over a plane curve of unit speed.
 
-    The point (x, y, 0) goes to (X(s), y, Z(s)) with s = x - min(x). As X'^2 + Z'^2 = 1, the map from the plane
-    to the bent surface is an isometry: the intrinsic distance of two points is that of the flat ones.
-    The triangles are chords of the bent surface, so their edges are shorter by O(edge^3).
+    The point (x, y, 0) moves to (X(s), y, Z(s)) with s = x - min(x). Because X'^2 + Z'^2 = 1, the map from the plane to
+    the bent surface is an isometry: it keeps the intrinsic distance of any two points. The edges of the triangles are
+    chords of the bent surface, so they are shorter by O(edge^3).
 
     Parameters
     ----------
     flat : Surface
         A surface in the plane z = 0.
     curve : callable
-        s (n,) -> (X (n,), Z (n,)), of unit speed.
+        Function s (n,) -> (X (n,), Z (n,)) of unit speed.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def bend(flat: Surface, curve: PlaneCurve) -> Surface:
 
 
 def cylinder(angle: float = 1.5 * math.pi, **grid: Unpack[SheetGrid]) -> Surface:
-    """Return the sheet with its width rolled onto a circular arc of `angle` radians.
+    """Return the sheet with its width bent to a circular arc of `angle` radians.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def s_bend(angle: float = math.pi, **grid: Unpack[SheetGrid]) -> Surface:
     Parameters
     ----------
     angle : float, default pi
-        Of each half, in radians: above 0 and at most 0.99 * 2 pi.
+        Turning angle of each half in radians, above 0 and at most 0.99 * 2 pi.
     **grid
         As in `sheet`.
 
@@ -150,15 +150,15 @@ def s_bend(angle: float = math.pi, **grid: Unpack[SheetGrid]) -> Surface:
 def spiral(turns: float = 1.5, gap: float = 0.1, **grid: Unpack[SheetGrid]) -> Surface:
     """Return the sheet rolled up along an Archimedean spiral r = r0 + gap * theta / (2 pi).
 
-    Its arc length is in closed form, s(r) = (r sqrt(r^2 + b^2) + b^2 asinh(r / b)) / (2 b) with
-    b = gap / (2 pi); r0 is such that `turns` turns take the whole width.
+    The arc length is s(r) = (r sqrt(r^2 + b^2) + b^2 asinh(r / b)) / (2 b) with b = gap / (2 pi). The radius r0 is
+    chosen so that `turns` turns take the whole width.
 
     Parameters
     ----------
     turns : float, default 1.5
         Full turns of the spiral, from 0.1 to 50.
     gap : float, default 0.1
-        Distance between layers along a radius, in the unit of the sheet; layers never touch.
+        Distance between layers along a radius, in the unit of the sheet.
     **grid
         As in `sheet`.
 

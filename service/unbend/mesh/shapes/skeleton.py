@@ -19,7 +19,7 @@ BLEND = 0.5
 
 ATTEMPTS = 400
 SHRINKING = 0.985
-"""Each rejected pose makes the next try this much tamer, so that the search ends: the rest pose is valid."""
+"""Factor of all angles after each rejected pose. The search ends, because the rest pose is valid."""
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,17 @@ class Bone:
     Parameters
     ----------
     name, parent : str
-        The parent comes earlier in the skeleton; "" is the root.
+        The parent comes earlier in the skeleton. The parent of the root is "".
     length : float
-        Of the axis.
+        Length of the axis.
     radii : two floats
-        At the start and at the end; they differ by less than `length`.
+        Radii at the start and at the end. They differ by less than `length`.
     direction : three floats
-        At rest, in the figure's frame: x to its left, y to its back negative and front positive, z up.
+        Direction of the axis in the rest pose, in the frame of the figure: x left, y front, z up.
     bend : up to three ranges
-        Rotation about the figure's x, y, z axes relative to the parent, degrees; none for a rigid joint.
+        Limits of the rotation about the x, y and z axes relative to the parent, in degrees. All 0 for a rigid joint.
     at : float, default 1.0
-        Where on the parent's axis it starts, 0 to 1.
+        Start of the bone on the axis of its parent, from 0 to 1.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Bone:
         return not any(limit for axis in self.bend for limit in axis)
 
     def mirrored(self) -> Bone:
-        """Return the bone's counterpart on the other side, x -> -x; "left" in names becomes "right"."""
+        """Return the mirror image of the bone, x -> -x. "left" in names becomes "right"."""
         x, y, z = self.direction
         about_x, (y_low, y_high), (z_low, z_high) = self.bend
         bend = (about_x, (-y_high, -y_low), (-z_high, -z_low))
@@ -78,7 +78,7 @@ class Skeleton:
 
     @cached_property
     def pairs(self) -> Indices:
-        """The bones that blend, (m, 2): parent and child, and rigid siblings; none of them can collide."""
+        """Pairs of bones that blend, (m, 2): parent and child, and rigid siblings. Such pairs cannot collide."""
         found = [(int(parent), child) for child, parent in enumerate(self.parents) if parent >= 0]
         fixed = [number for number, bone in enumerate(self.bones) if bone.rigid]
         found += [(a, b) for a in fixed for b in fixed if a < b and self.parents[a] == self.parents[b] >= 0]
@@ -86,7 +86,7 @@ class Skeleton:
 
     @property
     def skin(self) -> float:
-        """Sum of the bones' lateral areas: roughly the figure's area."""
+        """Sum of the lateral areas of the bones, roughly the area of the figure."""
         return float(sum(np.pi * sum(bone.radii) * bone.length for bone in self.bones))
 
     def rest(self) -> BlendedCones:
@@ -113,9 +113,9 @@ class Skeleton:
         Parameters
         ----------
         generator : numpy.random.Generator
-            Where the angles come from.
+            Source of the angles.
         clearance : float
-            Parts of the skin that are further apart than this at rest keep half of that gap, or twice this
+            Parts of the skin with a larger gap than this in the rest pose keep half of that gap, or twice this
             clearance if that is less.
         """
         limits = np.array([bone.bend for bone in self.bones])  # (b, 3, 2)
@@ -130,7 +130,7 @@ class Skeleton:
         return self.rest()
 
     def _may_collide(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Return which samples (of `_gaps`) belong to bones that do not blend; blending ones are let bend."""
+        """Return a mask of the pairs of samples (see `_gaps`) that belong to two bones that do not blend."""
         free = np.ones((len(self.bones),) * 2, bool)
         free[tuple(self.pairs.T)] = free[tuple(self.pairs[:, ::-1].T)] = False
         np.fill_diagonal(free, val=False)
@@ -138,7 +138,7 @@ class Skeleton:
 
 
 SAMPLES = 7
-"""Balls along each bone that stand for it when clearances are measured."""
+"""Number of balls along each bone that represent the bone when gaps are measured."""
 
 
 def _gaps(cones: BlendedCones) -> Floats:

@@ -1,4 +1,4 @@
-"""Closed tubes swept along space curves: one intrinsic shape, nearly, in many poses."""
+"""Closed tubes along space curves: nearly the same intrinsic shape in many poses."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def tube(curve: SpaceCurve, radius: Radius = 0.15, *, around: int = 16, along: i
     curve : SpaceCurve
         The axis.
     radius : float or callable, default 0.15
-        In the unit of the curve; see `Radius`. Caps join smoothly where its slope vanishes at the ends.
+        Radius in the unit of the curve; see `Radius`. The caps join smoothly if its slope is 0 at the ends.
     around : int, default 16
         Vertices of each cross-section, at least 6.
     along : int, optional
-        Cells along the axis without the caps, at least 2; by default nearly square cells.
+        Cells along the axis without the caps, at least 2. By default the cells are nearly square.
 
     Returns
     -------
@@ -72,14 +72,14 @@ def bent_tube(
     pose : str, default "straight"
         One of `TUBE_POSES`.
     length : float, default 5.0
-        Of the axis, without the caps.
+        Length of the axis without the caps.
     radius, around, along
         As in `tube`.
 
     Raises
     ------
     ParameterError
-        If there is no such pose, or as `tube` does: the knot needs a length of about 30 radii.
+        If there is no such pose, or as `tube` does. The knot needs a length of about 30 radii.
     """
     return tube(pose_curve(pose, length=length), radius, around=around, along=along)
 
@@ -109,7 +109,7 @@ def worm_profile(length: float = 5.0, radius: float = 0.2, segments: int = 6) ->
 
 
 def _profile(length: float, radius: float, knots: list[float], shares: list[float]) -> Callable[[Floats], Floats]:
-    """Return a function through the knots that is level at each (cosine steps), so that it never overshoots."""
+    """Return a function through the knots that has slope 0 at each (cosine steps), so that it never overshoots."""
     positions, heights = (
         positive("length", length) * np.array(knots),
         positive("radius", radius) * np.array(shares),
@@ -132,7 +132,7 @@ def _radii(radius: Radius, s: Floats) -> Floats:
 
 
 def _check_clear(s: Floats, centres: Floats, tangents: Floats, radii: Floats) -> None:
-    """Refuse a tube that folds (curvature above 1 / radius) or whose parts meet."""
+    """Raise ParameterError if the tube folds (curvature above 1 / radius) or touches itself."""
     turning = np.arccos(np.clip((tangents[1:] * tangents[:-1]).sum(axis=1), -1, 1))
     if (turning * np.maximum(radii[1:], radii[:-1]) >= np.diff(s)).any():
         raise ParameterError("the curve bends more sharply than the radius allows")
@@ -162,7 +162,7 @@ def _rotation_minimising(centres: Floats, tangents: Floats) -> Floats:
 def _with_caps(
     centres: Floats, tangents: Floats, normals: Floats, radii: Floats, *, caps: int
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Add `caps` rings at each end, shrinking to the poles: the pole itself is a ring of radius 0."""
+    """Add `caps` rings at each end, which shrink to the poles. Each pole is a ring of radius 0."""
     angle = np.arange(1, caps + 1)[:, None] * math.pi / (2 * caps)
     cosine = np.cos(angle).ravel()
     cosine[-1] = 0.0

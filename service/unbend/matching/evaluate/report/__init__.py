@@ -1,4 +1,4 @@
-"""The report of an evaluation: one page of HTML."""
+"""The report of an evaluation: a single HTML page."""
 
 from unbend.matching.evaluate.report.page import Report, render
 

@@ -13,7 +13,7 @@ from unbend.arrays import Floats
 from unbend.matching.evaluate.evaluation import Evaluation
 from unbend.matching.evaluate.metrics import PrecisionRecall
 
-# Curves and classes differ in their marks as well as in their colours. The style sheet has the same number of colours.
+# Curves and classes differ in marks as well as in colours. The style sheet has as many colours as there are marks.
 _MARKS: Final = (
     "M-3.6 0a3.6 3.6 0 1 0 7.2 0a3.6 3.6 0 1 0 -7.2 0z",  # disc
     "M-3.2-3.2h6.4v6.4h-6.4z",  # square
@@ -24,7 +24,7 @@ _MARKS: Final = (
 )
 
 _LEFT, _TOP, _BELOW = 56, 12, 48
-"""Margins of the line charts; the lower one has the labels and the name of the axis."""
+"""Margins of the line charts. The lower margin contains the labels and the name of the axis."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Curve:
     colour: int
     mark: str
     points: tuple[tuple[float, float, float, float], ...]
-    """x and y in the chart, then the two values that they show."""
+    """x and y in the chart, then the two values that they represent."""
 
     @property
     def line(self) -> str:
-        """The points as an SVG polyline has them."""
+        """The points in the syntax of an SVG polyline."""
         return " ".join(f"{x:.1f},{y:.1f}" for x, y, _, _ in self.points)
 
 
@@ -58,9 +58,9 @@ class PrecisionRecallChart:
 
     ticks: tuple[Tick, ...]
     curves: tuple[Curve, ...]
-    """Points have recall and precision."""
+    """The values of the points are recall and precision."""
     recall: tuple[float, ...]
-    """The levels of recall. All curves have the same, because they depend only on the sizes of classes."""
+    """The levels of recall. All curves have the same levels, which depend only on the sizes of classes."""
     left: int = _LEFT
     top: int = _TOP
     right: int = _LEFT + 520
@@ -75,11 +75,11 @@ class SeparationChart:
     """Log ratios over the number of dimensions, one curve per method: Fig. 5."""
 
     curves: tuple[Curve, ...]
-    """Points have the number of dimensions and the log ratio."""
+    """The values of the points are the number of dimensions and the log ratio."""
     columns: tuple[tuple[int, float], ...]
-    """Numbers of dimensions and their x."""
+    """Pairs of a number of dimensions and its x."""
     rows: tuple[tuple[str, float], ...]
-    """Log ratios of the grid and their y."""
+    """Pairs of a log ratio of the grid, as text, and its y."""
     left: int = _LEFT
     top: int = _TOP
     right: int = _LEFT + 420
@@ -117,7 +117,7 @@ def precision_recall_chart(by_measure: Mapping[str, PrecisionRecall]) -> Precisi
 
 
 def separation_chart(by_method: Mapping[str, Sequence[float]]) -> SeparationChart:
-    """Lay out one curve for each method, of its log ratios in 1, 2, ... dimensions."""
+    """Lay out one curve for each method: its log ratios in 1, 2, ... dimensions."""
     chart, intervals = SeparationChart, 4
     values = [value for ratios in by_method.values() for value in ratios]
     low, high = math.floor(min(values)), math.ceil(max(values))
@@ -147,7 +147,7 @@ def _curve(place: int, name: str, points: Sequence[tuple[float, float, float, fl
 
 _MAP_WIDTH, _MAP_HEIGHT, _MAP_EDGE = 460, 360, 24
 _MAX_MAP_SHAPES: Final = 2000
-"""The most shapes that a class map shows. From more, it takes evenly spaced ones."""
+"""Most shapes that a class map shows. If there are more, evenly spaced rows are shown."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class MapMark:
 
 @dataclass(frozen=True)
 class MapLabel:
-    """The name of a class, written at its shape nearest to the median."""
+    """The name of a class, placed at the shape nearest to the median of the class."""
 
     x: float
     y: float
@@ -204,7 +204,7 @@ def _fit_to_frame(points: Floats) -> Floats:
 
 
 def _map_mark(point: Floats, name: str, label: str, place: int) -> MapMark:
-    kinds = len(_MARKS)  # after each six classes the colours repeat, with the next mark
+    kinds = len(_MARKS)  # after every six classes, the colours repeat with the next mark
     return MapMark(float(point[0]), float(point[1]), _MARKS[place // kinds % kinds], place % kinds, name, label)
 
 
@@ -220,18 +220,18 @@ _LETTER_WIDTH: Final = 6.6  # approximate pixels per letter, at the size that th
 
 @dataclass(frozen=True)
 class MatrixLabel:
-    """The name of a class, at its row and at its column."""
+    """The name of a class at a row and a column."""
 
     text: str
     short_text: str
-    """Shortened if it is long."""
+    """The name, shortened if it is long."""
     middle: float
-    """Position of the middle of its row or column, from the corner of the matrix."""
+    """Distance of the middle of the row or column from the corner of the matrix."""
 
 
 @dataclass(frozen=True)
 class MatrixCell:
-    """The number of queries of one class whose nearest shape is of another; cells of 0 are not drawn."""
+    """The number of queries of one class whose nearest shape is of a given class. Cells of 0 are not drawn."""
 
     x: float
     y: float

@@ -1,4 +1,4 @@
-"""The report as an HTML page, rendered by a Jinja template."""
+"""The HTML page of the report, rendered by a Jinja template."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _EXPLANATIONS: Final = {
     "map": "mean average precision",
 }
 
-# Anybody may have chosen the names of files and classes, so every value is escaped. A missing value is an error.
+# Names of files and classes are not trusted, so every value is escaped. A missing value is an error.
 _TEMPLATES: Final = Environment(
     loader=PackageLoader("unbend.matching.evaluate.report"),
     autoescape=True,
@@ -63,11 +63,11 @@ class Report:
     """The version of unbend."""
     date: date
     maps: Mapping[str, Floats] = field(default_factory=dict)
-    """Class maps: for some of the measures, the points of the answered queries, (q, 2)."""
+    """Class maps of some of the measures: the points of the answered queries, (q, 2)."""
     clusters: Mapping[str, Clusters] = field(default_factory=dict)
     """The separation of classes under some of the measures."""
     separation: Separation | None = None
-    """The separation of classes over the number of dimensions, if it was computed."""
+    """The separation of classes over the number of dimensions; None if it was not computed."""
 
 
 @dataclass(frozen=True)

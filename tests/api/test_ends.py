@@ -55,7 +55,7 @@ def test_a_second_server_is_refused_and_takes_no_job_over(tmp_path):
         for _ in range(3):
             refused = serve(tmp_path, "--port", "0", "--workers", "1")
             assert refused.returncode == 3
-            assert f"runs the jobs of {server.library} already: process {server.process.pid}" in refused.stderr
+            assert f"another server runs the jobs of {server.library} already: process {server.process.pid}" in refused.stderr
             assert "Traceback" not in refused.stderr
         job = http.get(url).json()
         assert (job["state"], job["attempts"]) == ("running", 1)

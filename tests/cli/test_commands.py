@@ -485,7 +485,7 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
     assert succeeded("restore", copy, "--library", other, run=called).stdout == f"{other}: 5 shapes, as in {copy}\n"
     with Library(library) as one, Library(str(other)) as restored:
         assert one.page().items == restored.page().items
-    failed_with_a_sentence(called("backup", copy, "--library", library), "is there already")
+    failed_with_a_sentence(called("backup", copy, "--library", library), "exists already")
     failed_with_a_sentence(called("restore", copy, "--library", other), "would be replaced")
     succeeded("backup", copy, "--library", library, "--force", run=called)
     succeeded("restore", copy, "--library", other, "--force", run=called)

@@ -127,13 +127,13 @@ def test_a_backup_takes_no_place_that_is_taken(library, path, tmp_path):
     add(library, b"x", "new")
     taken = tmp_path / "taken.db"
     taken.write_bytes(b"something")
-    with pytest.raises(ParameterError, match=r"taken\.db is there already"):
+    with pytest.raises(ParameterError, match=r"taken\.db exists already"):
         library.backup(taken)
     assert taken.read_bytes() == b"something"
     for overwrite in (False, True):
         with pytest.raises(ParameterError, match="the library itself"):
             library.backup(path, overwrite=overwrite)
-        with pytest.raises(ParameterError, match="is there already"):
+        with pytest.raises(ParameterError, match="exists already"):
             library.backup(tmp_path, overwrite=overwrite)
     library.backup(taken, overwrite=True)
     assert names(taken) == ["new"]
@@ -143,7 +143,7 @@ def test_a_backup_is_not_put_under_a_log_that_others_left(library, tmp_path):
     other = tmp_path / "other.db"
     with Library(str(other)) as opened:
         add(opened, b"y", "other")
-        with pytest.raises(ParameterError, match=r"other\.db-\w+ is there"):
+        with pytest.raises(ParameterError, match=r"other\.db-\w+ exists"):
             library.backup(other, overwrite=True)
         assert len(opened) == 1
 

@@ -36,7 +36,7 @@ from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import Service, ServiceDependency, service_of
 from unbend.geodesics.distances import Update
 from unbend.jobs.runner import Lane
-from unbend.jobs.worker import StoredMesh, convert, flattened, geodesics_from, whole_form
+from unbend.jobs.worker import StoredMesh, canonical_form_file, convert, flattened, geodesics_from
 from unbend.library import records
 from unbend.library.jobs import Sender
 from unbend.library.records import ShapeRecord
@@ -253,7 +253,7 @@ async def get_signature(
         )
     signature = await asyncio.to_thread(service.library.shapes.signature, shape_id)
     if whole:
-        data = await service.runner.call(whole_form, _stored(service, record), signature, wanted, lane="large")
+        data = await service.runner.call(canonical_form_file, _stored(service, record), signature, wanted, lane="large")
     else:
         data = await asyncio.to_thread(export_signature, signature, wanted)
     return file_response(data, wanted, f"{record.name}-{'form' if whole else 'signature'}")
@@ -317,7 +317,8 @@ def _lane(record: ShapeRecord) -> Lane:
 async def _respond_async(service: Service, request: Request, record: ShapeRecord, wanted: FileRequest) -> Response:
     """Return the response with the job that makes a file."""
     key = key_of(request)
-    job = await service.runner.submit_file(record, wanted, Sender(key.id if key else None))
+    sender, most_owned = Sender(key.id if key else None), key.most_jobs if key else None
+    job = await service.runner.submit_file(record, wanted, sender, most_owned)
     return await accepted(service, job, {"Preference-Applied": "respond-async"})
 
 

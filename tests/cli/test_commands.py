@@ -193,7 +193,7 @@ def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder
 def test_an_import_again_stores_nothing_twice(folder, library):
     assert (
         succeeded("import", folder, "--library", library, run=called).stdout
-        == "5 of 5 shapes imported: 0 new, 5 there already\n"
+        == "5 of 5 shapes imported: 0 new, 5 unchanged\n"
     )
     with Library(library) as opened:
         assert len(opened) == 5

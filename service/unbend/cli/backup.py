@@ -9,7 +9,7 @@ import click
 from unbend.cli.options import library_option
 from unbend.names import DEFAULT_LIBRARY
 
-force_option = click.option("--force", is_flag=True, help="Replace what is there.")
+force_option = click.option("--force", is_flag=True, help="Replace an existing file or library.")
 
 
 @click.command()
@@ -21,7 +21,7 @@ def backup(destination: Path, library: str | None, force: bool, only: bool) -> N
     """Copy a library, which may be in use, into the file DEST.
 
     DEST is one checked state of the library, and appears complete or not at all. It contains everything: files, hashes
-    of API keys, and jobs. The check reads every file, signature and document.
+    of API keys, and jobs. The check reads every row.
     """
     from unbend.library.backups.backup import backup as make  # noqa: PLC0415
     from unbend.library.backups.backup import verify  # noqa: PLC0415
@@ -42,7 +42,7 @@ def restore(source: Path, library: str | None, force: bool) -> None:
     """Replace a library, which may be in use, by the backup SOURCE.
 
     SOURCE is checked first. A library that ever had API keys keeps them. Replacing an existing library needs --force,
-    and loses everything else in it.
+    and deletes everything that is not in SOURCE.
     """
     from unbend.library.backups.backup import restore as put  # noqa: PLC0415
 

@@ -190,7 +190,7 @@ class WorkerProcess:
             self._is_ready = child.pipe.recv() is None
 
     def _send_function(self, child: _Child, function: Callable[..., T], arguments: tuple[object, ...]) -> None:
-        """Send a function to a process, and wait until it is accepted. From then on, a dead process fails the attempt."""
+        """Send a function, and wait until the process accepts it: from then on, its death is a failed attempt."""
         alarm = threading.Timer(self._answer_seconds, child.process.kill)
         alarm.daemon = True
         alarm.start()

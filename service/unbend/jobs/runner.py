@@ -136,7 +136,7 @@ class JobRunner:
     async def submit_query(
         self, upload: Upload, request: QueryRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
     ) -> JobRecord:
-        """Queue a query, or return the earlier job of a repeated request. See `submit_shape` for arguments and errors."""
+        """Queue a query, or return the earlier job of a repeated request; arguments and errors as in `submit_shape`."""
         return await self._submitted(self._jobs.submit_query(upload, request, sender, self._queue_limits(most_owned)))
 
     async def submit_file(

@@ -23,11 +23,11 @@ class Audit:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, and log it after its response."""
+        """Pass a request on, and log a write after its response."""
         if not _writes(scope):
             await self._app(scope, receive, send)
             return
-        answer: Message = {"status": 500, "headers": []}  # the response if an unexpected error interrupts
+        answer: Message = {"status": 500, "headers": []}  # stays if an unexpected error comes before the response
 
         async def watching(message: Message) -> None:
             nonlocal answer

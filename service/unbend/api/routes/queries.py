@@ -49,7 +49,7 @@ class FileQuery(BaseModel):
     classifier: ClassifierName = Field(
         DEFAULT_CLASSIFIER, description="The rule that turns distances from shapes into distances from classes."
     )
-    k: int = Field(DEFAULT_K, ge=1, le=1000, description="Number of shapes in the ranking; all classes are in it.")
+    k: int = Field(DEFAULT_K, ge=1, le=1000, description="Number of shapes in the ranking, which has all classes.")
     parameters: ParametersText = None
     policy: PolicyText = None
     callback: str = Field("", max_length=2000, description="A URL that is called when the job ends.")
@@ -78,7 +78,7 @@ _BODY = {
         200: {"links": shape_links("$response.body#/shapes/0/id")},
         202: {
             "model": Job,
-            "description": "The job that computes the ranking, which will be its `result`.",
+            "description": "The job that computes the ranking, which becomes the job's `result`.",
             "headers": LOCATION,
             "links": job_links("$response.body#/id"),
         },
@@ -123,7 +123,7 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
     sender, key = sender_of(request, upload, query_request, asked.callback), key_of(request)
     job = await service.runner.submit_query(upload, query_request, sender, key.most_jobs if key else None)
     record = await _waited(service, request, job, wait)
-    if not sender.idempotency and await request.is_disconnected():  # no client knows the job, or can ask for it
+    if not sender.idempotency and await request.is_disconnected():  # no client has the id of the job
         await service.runner.cancel(record.id)
     if record.state == "succeeded":
         return JSONResponse(record.result)
@@ -131,7 +131,7 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
 
 
 async def _waited(service: Service, request: Request, job: JobRecord, seconds: float) -> JobRecord:
-    """Wait up to `seconds` for a job, while the client is connected; not at all if too many requests wait."""
+    """Wait up to `seconds` for a job, while the client is connected; do not wait if too many requests wait."""
     if not seconds:
         return job
     try:

@@ -30,7 +30,7 @@ class Ranking:
     classes: Sequence[ClassMatch]
     shapes: Sequence[ShapeMatch]
     known: bool | None
-    """Whether the query is near enough to the best class to belong to it; None if its members are too few to tell."""
+    """Whether the query is near enough to the best class to belong to it; None if the class has a single member."""
     warnings: Sequence[str] = ()
     """Reasons why the ranking may be wrong, and what to do."""
 

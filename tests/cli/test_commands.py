@@ -520,7 +520,7 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
         ("backup {new}/copy.db --library {new}/letter.db", ["not a database"]),
         ("backup {new}/copy.db --library postgresql://host/shapes", ["pg_dump"]),
         ("backup {new}/nowhere/copy.db --library {new}/letter.db", ["no folder"]),
-        ("restore {new}/letter.db --library {new}/a.db", ["no library"]),
+        ("restore {new}/letter.db --library {new}/a.db", ["not a library"]),
         ("restore {new}/nowhere.db --library {new}/a.db", ["no file"]),
     ],
 )

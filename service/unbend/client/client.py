@@ -170,8 +170,8 @@ class Client:
         self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
     ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
-        return dict(self.request("POST", "/v1/queries", json=asked).json())
+        body = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
+        return dict(self.request("POST", "/v1/queries", json=body).json())
 
     def shape(self, shape_id: str) -> Json:
         """Return a shape's record."""
@@ -369,8 +369,8 @@ class AsyncClient:
         self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
     ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
-        return dict((await self.request("POST", "/v1/queries", json=asked)).json())
+        body = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
+        return dict((await self.request("POST", "/v1/queries", json=body)).json())
 
     async def shape(self, shape_id: str) -> Json:
         """Return a shape's record."""

@@ -100,7 +100,7 @@ class Access:
     def _check_host(self, scope: Scope, headers: Headers) -> None:
         """Refuse a request for an unknown host name: a website can resolve its own name to this server (DNS rebinding).
 
-        An IP address and localhost cannot be such a name. A request with a key needs no check: websites do not have it.
+        An IP address and localhost cannot be such a name. With a key no check is needed: no website has the key.
         """
         host = _PORT.sub("", headers.get("host", "")).strip("[]").lower()
         known = not host or is_loopback(host) or is_address(host) or _is_in_process(scope)

@@ -21,7 +21,7 @@ _JSON: Final = ("application/json", "application/problem+json")
 
 
 class Compression:
-    """ASGI middleware that compresses JSON responses in one message, as all of this service are.
+    """ASGI middleware that compresses JSON responses that are sent in one message, as this service sends them.
 
     Responses with an ETag are not compressed, because an ETag identifies their exact bytes.
     """

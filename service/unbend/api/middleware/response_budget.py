@@ -57,7 +57,7 @@ class ResponseBudget:
             if start is not None:
                 if len(body) > _CHUNK and self._unread + len(body) > self._limit:
                     refused = True
-                    busy = BusyError("clients have not read too many bytes of earlier responses", RETRY_SECONDS)
+                    busy = BusyError("too many bytes of earlier responses are still unread", RETRY_SECONDS)
                     await respond(busy)(scope, receive, send)
                     return
                 begun, start = start, None

@@ -144,11 +144,11 @@ def send_file(request: Request, read: Read, size: int, sha256: str, headers: dic
     headers = headers | {"ETag": tag, "Accept-Ranges": "bytes"}
     if is_known(request.headers, tag):
         return Response(status_code=304, headers={"ETag": tag})
-    asked = _range(request, size, tag)
-    if asked is None:
+    part = _range(request, size, tag)
+    if part is None:
         status, begin, end = 200, 0, size
     else:
-        status, (begin, end) = 206, asked
+        status, (begin, end) = 206, part
         if begin >= end:
             return Response(status_code=416, headers={"Content-Range": f"bytes */{size}"})
         headers["Content-Range"] = f"bytes {begin}-{end - 1}/{size}"

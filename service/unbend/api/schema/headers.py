@@ -24,7 +24,7 @@ DISPOSITION: Final = {
     "Content-Disposition": {"description": "The file's name.", "required": True, "schema": {"type": "string"}},
     "Vary": {"description": "Accept chooses the format.", "required": True, "schema": {"type": "string"}},
 }
-"""OpenAPI documentation of the headers of downloads; `ETAG` is of records, and `LOCATION` of jobs."""
+"""OpenAPI documentation of headers: `ETAG` of records, `LOCATION` of jobs, and `DISPOSITION` of files."""
 
 
 def headers_for(path: str) -> dict[str, str]:

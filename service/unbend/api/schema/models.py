@@ -153,7 +153,7 @@ class JobSummary(BaseModel):
         examples=[{"row": 120, "rows": 300, "seconds": 4.2}],
     )
     position: int | None = Field(description="Number of jobs before this one in the queue; null once it runs.")
-    attempts: int = Field(description="Number of attempts. A job whose process died has another attempt.")
+    attempts: int = Field(description="Number of attempts. A job whose process died is attempted again.")
     error: JobError | None
     shape_id: Id | None = Field(
         description="The shape of a succeeded upload, or the shape of which the job makes a file."

@@ -87,8 +87,8 @@ class EvictionQueue:
     def candidate(self, newcomer: Connection, now: float) -> Connection | None:
         """Return the connection to evict; None if there is none but the newcomer.
 
-        This is the longest idle connection. If that was idle for less than `_GRACE_SECONDS`, it is the connection that
-        has been sending a body longest, if there is one.
+        By default this is the longest idle connection. If that has been idle for less than `_GRACE_SECONDS`, a
+        connection that sends a body is evicted instead, the oldest first.
         """
         idle, since = next(iter(self._idle.items()), (None, math.inf))
         sending = next(iter(self._sending), None)
@@ -162,7 +162,7 @@ class Connection(H11Protocol):
     # Called by uvicorn
 
     def on_response_complete(self) -> None:
-        """Wait for the next head; uvicorn's keep-alive limit holds until its first byte."""
+        """Wait for the next head; uvicorn's keep-alive limit applies until its first byte."""
         super().on_response_complete()
         self._update_state()
 
@@ -176,10 +176,8 @@ class Connection(H11Protocol):
     def _update_state(self) -> None:
         """Record the present state, and limit the time of a partial head."""
         state: State = "served"
-        if self.conn.our_state in {
-            h11.IDLE,
-            h11.DONE,
-        }:  # DONE: the response is complete, but not the request
+        # DONE: the response is complete, but not the request.
+        if self.conn.our_state in {h11.IDLE, h11.DONE}:
             state = "idle"
         elif self.conn.their_state is h11.SEND_BODY:
             state = "sending"

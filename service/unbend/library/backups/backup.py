@@ -259,7 +259,7 @@ def _copy_rows(source: Path, empty: Path, revision: str, page_size: int | None =
 
 
 def _columns(connection: sqlite3.Connection) -> dict[str, list[str]]:
-    """Return the tables of the new schema with their columns; sqlite_sequence comes last."""
+    """Return the tables of the new schema with their columns; sqlite_sequence comes last, because inserts change it."""
     tables = [name for (name,) in connection.execute("SELECT name FROM main.sqlite_master WHERE type = 'table'")]
     return {
         table: [row[1] for row in connection.execute(f"PRAGMA main.table_info('{table}')")]
@@ -278,7 +278,7 @@ def _copy_table(connection: sqlite3.Connection, table: str, columns: list[str], 
 
 
 def _copy(source: Path, empty: Path) -> None:
-    """Copy one state of a database, without its free pages, which may hold deleted content."""
+    """Copy one state of a database, without its free pages, which may contain deleted content."""
     try:
         with closing(_open(source)) as connection:
             connection.execute("VACUUM INTO ?", (str(empty.resolve()),))

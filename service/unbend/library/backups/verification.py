@@ -173,8 +173,8 @@ _CHECKS: Final[dict[str, Callable[[sqlite3.Connection, Row], None]]] = {
 }
 
 
-def _must(holds: bool, otherwise: str) -> None:
-    if not holds:
+def _must(condition: bool, otherwise: str) -> None:
+    if not condition:
         raise ValueError(otherwise)
 
 

@@ -20,7 +20,7 @@ _RETRY_SECONDS: Final = 1.0
 
 
 Urgency = Literal["now", "soon"]
-""""now" if the caller waits for the erasure, "soon" if the erasure may happen a second later."""
+"""The time of an erasure: "now" if the caller waits for it, "soon" if a second later is early enough."""
 
 
 def mark_erased(connection: Connection, urgency: Urgency) -> None:
@@ -45,7 +45,7 @@ class LogEraser:
         self._closed = False
 
     def erase(self, urgency: Urgency) -> None:
-        """Truncate the log: at once if it is urgent and no reader blocks it, otherwise a second later.
+        """Truncate the log: at once if `urgency` is "now" and no reader blocks it, otherwise a second later.
 
         All calls within this second share one attempt.
         """

@@ -1,4 +1,4 @@
-"""The tables of the store. Migrations create the tables; a test checks that both definitions agree."""
+"""The tables of the store. Migrations create the tables and their comments; a test checks that both definitions agree."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ meshes = Table(
     Column("sha256", String(64), primary_key=True),
     Column("size", Integer, nullable=False),
     Column("data", LargeBinary, nullable=False),
-    comment="Uploaded files, byte for byte; a file that is sent again has no second row.",
+    comment="Uploaded files, byte for byte; one row however often a file is sent.",
 )
 
 signatures = Table(
@@ -70,7 +70,7 @@ signatures = Table(
     Column("warnings", JSON, nullable=False, server_default="[]"),
     Column("dimension", Integer),
     UniqueConstraint("mesh_sha256", "parameters", "policy", "version"),
-    comment="Results: one row for each combination of a file, parameters, reading policy and version of the algorithm.",
+    comment="What was computed: one row for a file, parameters, reading policy and version of the algorithm.",
 )
 
 descriptors = Table(
@@ -79,7 +79,7 @@ descriptors = Table(
     Column("signature_id", ForeignKey("signatures.id", ondelete="CASCADE"), primary_key=True),
     Column("measure", String, primary_key=True),
     Column("vector", LargeBinary, nullable=False),
-    comment="Vectors that measures compare, as little-endian float64.",
+    comment="Vectors for comparing, little-endian float64.",
 )
 
 shapes = Table(
@@ -97,8 +97,8 @@ shapes = Table(
     Index(None, "label", "seq"),
     Index(None, "changed"),
     sqlite_autoincrement=True,
-    comment="The library's members. A seq is never reused, so that pages and the search index can rely on it; "
-    "changed is the revision that last changed a row, 0 if none did.",
+    comment="The library's members. seq never comes again, so that pages and the search index can rely on it; "
+    "changed is the revision that last changed a row since it was added.",
 )
 
 labels = Table(
@@ -107,7 +107,7 @@ labels = Table(
     Column("id", Integer, primary_key=True, autoincrement=True),
     Column("text", String, nullable=False, unique=True),
     sqlite_autoincrement=True,
-    comment="Classes in stored rankings; each is deleted with its last member.",
+    comment="Classes that stored answers name; each goes with its last member.",
 )
 
 removals = Table(
@@ -116,7 +116,7 @@ removals = Table(
     Column("seq", Integer, primary_key=True, autoincrement=False),
     Column("revision", Integer, nullable=False),
     Index(None, "revision"),
-    comment="Removed shapes, and the revision that removed them.",
+    comment="Shapes that are gone, and the revision that removed them.",
 )
 
 jobs = Table(
@@ -157,7 +157,7 @@ jobs = Table(
     Index(None, "shape_id"),
     Index(None, "finished_at"),
     sqlite_autoincrement=True,
-    comment="The queue of jobs, and ended jobs.",
+    comment="The queue and its history.",
 )
 
 job_files = Table(
@@ -167,7 +167,7 @@ job_files = Table(
     Column("file_type", String, nullable=False),
     Column("name", String, nullable=False),
     Column("data", LargeBinary, nullable=False),
-    comment="Files that jobs of the kind file made; kept for a day.",
+    comment="What jobs of the kind file made; kept for a day.",
 )
 
 library_state = Table(
@@ -176,7 +176,7 @@ library_state = Table(
     Column("id", Integer, primary_key=True),
     Column("revision", Integer, nullable=False),
     Column("epoch", String(32), nullable=False, server_default="0"),
-    comment="One row; revision counts changes to shapes, and each restore begins a new epoch: caches compare both.",
+    comment="One row; revision counts changes to shapes within an epoch, which a restore begins, so that caches know.",
 )
 
 api_keys = Table(
@@ -190,5 +190,5 @@ api_keys = Table(
     Column("revoked_at", Instant),
     Column("expires_at", Instant),
     Column("most_jobs", Integer),
-    comment="API keys; of a secret, only the hash is stored.",
+    comment="Who may call the service; of a secret only its hash is here.",
 )

@@ -183,7 +183,7 @@ class _Transactions:
         try:
             return self.batch(change)
         except StoreFullError as error:
-            # An upload that `LibraryDisk.admit_upload` refuses, without a cause, must not use up the reserve.
+            # `LibraryDisk.admit_upload` refuses with an error that has no cause. A refusal must not use up the reserve.
             if error.__cause__ is None or self._store.disk is None or not self._store.disk.release():
                 raise
         return self.batch(change)

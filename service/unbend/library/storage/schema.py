@@ -1,4 +1,4 @@
-"""The tables of the store. Migrations create the tables and their comments; a test checks that both definitions agree."""
+"""The tables of the store. Migrations create the tables and comments; a test checks that both definitions agree."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def test_a_file_that_is_none_is_refused_by_its_name(tmp_path):
         ("UNBEND_JOB_MEMORY_MB", "9" * 30, "less than or equal"),
         ("UNBEND_REQUESTS_PER_MINUTE", "9" * 400, "less than or equal"),
         ("UNBEND_LIBRARY", "", "at least 1 character"),
-        ("UNBEND_CORS_ORIGINS", "*, https://example.org", "'*' stands for all"),
+        ("UNBEND_CORS_ORIGINS", "*, https://example.org", "'*' means all websites"),
         ("UNBEND_CORS_ORIGINS", "https://Example.org", "as browsers send it"),
         ("UNBEND_CORS_ORIGINS", "https://example.org:443", "as browsers send it"),
         ("UNBEND_CORS_ORIGINS", "http://example.org:70000", "as browsers send it"),

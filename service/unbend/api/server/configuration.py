@@ -117,7 +117,7 @@ def library_problem(url: str) -> str | None:
         return None
     name = url if parsed is None else parsed.database or ":memory:"
     if name == ":memory:" or name.startswith("file:"):
-        return "worker processes must be able to open it, so it must be a file"
+        return "it must be in a file, which worker processes can open"
     try:
         return _path_problem(Path(name))
     except OSError as error:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from unbend.signature.pipeline import compute_signature
     from unbend.signature.signature import Signature
 
-_HOMES = {
+_MODULES = {
     "AsyncClient": "unbend.client",
     "CanonicalForm": "unbend.signature.canonical_form",
     "Client": "unbend.client",
@@ -98,9 +98,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'unbend' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    value = getattr(import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 

@@ -4,7 +4,7 @@
     ├── MeshError                 the mesh cannot be used
     │   ├── MeshFormatError       its format is unknown
     │   ├── MeshReadError         the file is damaged or incomplete
-    │   ├── MeshTooLargeError     it holds more vertices or triangles than allowed
+    │   ├── MeshTooLargeError     it has more vertices or triangles than allowed
     │   └── MeshGeometryError     it has no usable surface
     ├── ParameterError            an argument is out of its range
     │   └── UnsuitedError         it is in its range, but the mesh or the library does not allow it
@@ -18,7 +18,7 @@
     │   └── BackupError           a file is no complete library
     ├── JobError                  a job has no result
     │   ├── JobTimeoutError       it ran longer than allowed
-    │   │   └── CallTimeoutError  a call without a job did
+    │   │   └── CallTimeoutError  a request without a job ran too long
     │   ├── JobMemoryError        it needed more memory than allowed
     │   ├── JobCancelledError     it was cancelled
     │   └── WorkerLostError       its process died
@@ -34,10 +34,10 @@
     ├── UploadTooLargeError       the request is too large
     ├── UploadTooSlowError        the request arrived too slowly
     ├── TemporaryFullError        the disk for temporary files is full
-    ├── BusyError                 too many requests of a kind at a time
+    ├── BusyError                 too many requests of one kind at a time
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
-    ├── IdempotencyError          another request had the same idempotency key
+    ├── IdempotencyError          a different request had the same idempotency key
     └── ServiceError              the service responded with a problem, or not at all
 
 `code` is the stable, lower-case name of an error for programs, in failed jobs and in HTTP problem documents. `advice`
@@ -79,7 +79,7 @@ class MeshReadError(MeshError):
 
 
 class MeshTooLargeError(MeshError):
-    """The file holds, or announces, more vertices or triangles than allowed."""
+    """The file has, or its header announces, more vertices or triangles than allowed."""
 
     code = "mesh_too_large"
     advice = "Simplify the mesh before sending it, or raise UNBEND_MAX_VERTICES and UNBEND_MAX_FACES."
@@ -330,7 +330,7 @@ class QuotaError(UnbendError):
 
 
 class IdempotencyError(UnbendError, ValueError):
-    """A request has the Idempotency-Key of another one."""
+    """A request repeats the Idempotency-Key of a different request."""
 
     code = "idempotency_mismatch"
     advice = "Use a new key for each request, and repeat a key only with the same request."

@@ -14,10 +14,11 @@ _ARENAS: Final = 2
 
 
 def prepare() -> None:
-    """Make glibc map blocks of more than a megabyte separately, so that they return to the system when freed.
+    """Make glibc map blocks of more than a megabyte separately, and use only two heaps.
 
-    By default glibc raises that bound as large blocks are freed, and keeps a heap for each thread: a server that once
-    sent many large responses would keep their memory. On other systems this does nothing.
+    A block that is mapped separately returns to the system when it is freed. By default, glibc raises the threshold as
+    large blocks are freed, and creates a heap for each thread, so a server that once sent many large responses would
+    keep their memory. On other systems this function does nothing.
     """
     if libc := _glibc():
         libc.mallopt(_MMAP_THRESHOLD, _LARGE)
@@ -25,7 +26,7 @@ def prepare() -> None:
 
 
 def give_back() -> None:
-    """Return free memory to the system; this takes milliseconds and does not hold the GIL."""
+    """Return free memory to the system. The call takes milliseconds and releases the GIL."""
     if libc := _glibc():
         libc.malloc_trim(0)
 

@@ -30,8 +30,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 def summing(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` like `kernel`, but let the compiler reorder its sums to fill vector registers.
 
-    The order is fixed at compile time. It depends on the processor and on the number of terms, not on their place in
-    memory or on the thread that adds them. Do not use it for sums that must be equal on every processor.
+    The order is fixed at compile time. It depends on the processor and on the number of terms, but not on their
+    addresses or on the thread. Do not use this decorator for sums that must be equal on every processor.
     """
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc"})(function)
     return cast("Callable[P, R]", compiled)
@@ -47,7 +47,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _prefetch(_typing_context: Any, array: Any, _byte: Any) -> Any:
-    """Prefetch the cache line of `array` at an offset in bytes, for a kernel that knows what it reads next."""
+    """Prefetch the cache line at an offset in bytes into `array`, for a kernel that knows its next read."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)

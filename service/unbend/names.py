@@ -1,4 +1,4 @@
-"""Names: limits, defaults, and file names as text, because file names may be any bytes."""
+"""Default and longest names, and the conversion of file names, which may be any bytes, to text."""
 
 from __future__ import annotations
 

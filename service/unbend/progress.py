@@ -17,7 +17,7 @@ STAGES: Final[tuple[Stage, ...]] = (
 
 @dataclass(frozen=True)
 class Progress:
-    """A point in a computation."""
+    """The progress of a computation at one moment."""
 
     stage: Stage
     share: float = 0.0

@@ -1,4 +1,4 @@
-"""Threads for work on many items. Kernels run without the GIL, so threads run in parallel."""
+"""Work on many items in threads. Kernels release the GIL, so that the threads run in parallel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unbend.errors import ParameterError
 Progress = Callable[[float], None]
 """Callback that receives the share of the work that is done, 0 to 1."""
 
-_PARTS_PER_THREAD = 8  # enough to even out slow items and to show progress
+_PARTS_PER_THREAD = 8  # enough to balance slow items and to report progress
 
 
 def available_cores() -> int:
@@ -23,26 +23,26 @@ def available_cores() -> int:
 
 
 def check_threads(threads: int | None) -> int:
-    """Return the number of threads to use, all cores by default; ParameterError if it is below 1."""
+    """Return `threads`, by default one for each available core; ParameterError if it is below 1."""
     if threads is not None and threads < 1:
         raise ParameterError(f"threads must be at least 1, not {threads}")
     return threads or available_cores()
 
 
 def share_out(count: int, threads: int | None, work: Callable[[slice], None], progress: Progress | None = None) -> None:
-    """Call `work` on slices of `count` items, in threads that each take the next slice when they are free."""
+    """Divide `count` items into slices, and call `work` on each slice; every free thread takes the next slice."""
 
     def run(part: slice) -> int:
         work(part)
         return int(part.stop)
 
-    workers = min(check_threads(threads), count)
+    workers = max(1, min(check_threads(threads), count))
     parts = _parts(count, workers)
     if workers == 1:
-        _drain(map(run, parts), count, progress)
+        _wait_for(map(run, parts), count, progress)
     else:
         with ThreadPoolExecutor(workers) as pool:
-            _drain(pool.map(run, parts), count, progress)
+            _wait_for(pool.map(run, parts), count, progress)
 
 
 def _parts(count: int, workers: int) -> list[slice]:
@@ -50,7 +50,7 @@ def _parts(count: int, workers: int) -> list[slice]:
     return [slice(int(start), int(stop)) for start, stop in pairwise(bounds)]
 
 
-def _drain(stops: Iterator[int], total: int, progress: Progress | None) -> None:
+def _wait_for(stops: Iterator[int], total: int, progress: Progress | None) -> None:
     for stop in stops:
         if progress:
             progress(stop / total)

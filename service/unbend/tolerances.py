@@ -1,4 +1,4 @@
-"""Every numeric tolerance of the package, with its reason. All are relative unless a unit is named."""
+"""The numeric tolerances and iteration limits of the package. Tolerances are relative unless a unit is named."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import Final
 DEGENERATE_HEIGHT: Final = 1e-10
 """A triangle whose height is below this share of its longest edge has no direction: it is counted and kept.
 
-In double precision a height is known to about 1e-16 of the edge; six digits above that, the unfolded
-coordinates of `geodesics.stencils` still keep six digits.
+Double precision resolves a height to about 1e-16 of the edge. A height of 1e-10 therefore has six correct digits, and
+so do the unfolded coordinates of `geodesics.stencils`.
 """
 
 SEAM_GAP: Final = 1e-6
 """Largest gap between the two sides of a seam, as a share of the surface's extent.
 
-Both sides are the same points, written twice in single precision or as text of six or seven digits.
+Both sides are copies of the same points, rounded to single precision or to text of six or seven digits.
 """
 
 SEAM_EDGES: Final = 10.0
-"""Shortest edge, in widths of `SEAM_GAP`, at a vertex joined across a gap, so that smaller features do not vanish."""
+"""A vertex is joined across a gap only if its edges are at least this many gaps long, so that small features remain."""
 
 SAME_ANGLE: Final = 1e-4
 """Faces around an edge coincide where their angles, in radians, differ by less than this."""
 
 AREA_KEPT: Final = 0.9
-"""Below this share of the area kept, the surface may not be what the file's author intended."""
+"""Below this share of the area kept, reading warns that the surface may not be what the file's author intended."""
 
 DEGENERATE_BASE: Final = 1e-7
 """An edge below this share of the other two of its triangle has no direction: no front crosses it."""
@@ -45,10 +45,10 @@ FLIPS: Final = 100
 """Most flips per face. Lawson's algorithm ends in exact arithmetic, but rounding on triangles of zero area can loop."""
 
 THIN_ANGLE: Final = 10.0
-"""Degrees below which the smallest angle of an intrinsic triangle is always refined: 1 % of a scan's faces."""
+"""Degrees below which angles of intrinsic triangles are always refined. 1 % of a scan's faces have such an angle."""
 
 ROUND_ANGLE: Final = 25.0
-"""Degrees to which a stretched surface is refined. Refinement provably ends up to 20.7, and in practice up to 30."""
+"""Degrees below which a stretched surface's angles are refined. Refinement provably ends up to 20.7, in practice 30."""
 
 STRETCHED_SHARE: Final = 0.03
 """A surface is stretched where more than this share of its faces have an angle below `THIN_ANGLE` after all flips."""
@@ -63,7 +63,7 @@ STEINER_FLOOR: Final = 2000
 """Steiner points that every surface may have, because CAD models have few vertices."""
 
 HOPELESS: Final = 1e-3
-"""A triangle whose shortest side is below this share of its longest is not refined: that takes thousands of points."""
+"""A triangle whose shortest side is below this share of its longest is not refined: it needs thousands of points."""
 
 REFINEMENT_STEPS: Final = 200
 """Most triangles crossed in search of a circumcentre. Only early circumcentres are far from their triangle."""
@@ -77,31 +77,32 @@ START_RADIUS: Final = 2.75
 SADDLE: Final = 1e-10
 """Shortest paths may bend at a vertex around which the angle exceeds a full turn by more than this, in radians.
 
-Rounding on flat meshes gives less. Behind a vertex of smaller excess, rays that graze it reach every vertex.
+Rounding on flat meshes causes a smaller excess. Behind a vertex of smaller excess, rays that graze it reach every
+vertex.
 """
 
 PLANAR_START: Final = 0.1
-"""Radius, in edges by the root of the number of triangles, of the disc in which planar marching updates spherically.
+"""Radius of the disc around a source in which planar marching uses the spherical update.
 
-The disc is a fixed share of the surface. A front is round near its source, and marching carries the error of the
-planar update there everywhere. With a disc of a fixed number of edges, the error falls more slowly than the edge
-length.
+The radius is this number of median edges times the square root of the number of triangles, so that the disc is a fixed
+share of the surface. A front is round near its source, and marching carries the error of the planar update there to the
+whole surface. With a disc of a fixed number of edges, the error would fall more slowly than the edge length.
 """
 
 PLANAR_START_EDGES: Final = 3.0
-"""The least radius of that disc, in median edges."""
+"""The least radius of the disc of `PLANAR_START`, in median edges."""
 
 RAY_MARGIN: Final = 1e-6
 """Share of the segment by which a ray may miss its end, so that rounding does not lose a ray through a vertex."""
 
 MARCHING_DECREASE: Final = 1e-6
-"""A distance is lowered again only by more than this share of it; single precision has 6e-8."""
+"""A distance is lowered again only by more than this share of it. Single precision rounds to 6e-8."""
 
 DOUBTFUL_ASYMMETRY: Final = 0.05
 """Distances are doubtful if the two directions of a pair differ by more than this share of the largest distance.
 
-On real meshes they differed by at most 0.03, on one of 252 vertices. Of 500 defective meshes, those without a warning
-had errors of at most 4 % of the largest distance, those with one of up to 21 %.
+On real meshes they differed by at most 0.03, on a mesh of 252 vertices. Of 500 defective meshes, those without a
+warning had errors of at most 4 % of the largest distance, and those with a warning of up to 21 %.
 """
 
 SAMPLING_TIE: Final = 1e-3
@@ -125,17 +126,17 @@ REPRESENTATION_ERROR: Final = 0.05
 EIGENPAIR_RESIDUAL: Final = 1e-8
 """Norm of B v - lambda v, in units of the largest eigenvalue, at which an eigenpair of classical scaling has converged.
 
-The error of an eigenvalue is the square of that, over its distance from the next.
+The error of an eigenvalue is the square of this norm, divided by its distance from the next eigenvalue.
 """
 
 SMACOF_DECREASE: Final = 1e-6
 """SMACOF stops when two iterations lower the stress by less than this share of it (section 3.2, step 5)."""
 
 SMACOF_ITERATIONS: Final = 300
-"""Most iterations of SMACOF, for any decrease."""
+"""Most iterations of SMACOF, however slowly the stress decreases."""
 
 SMACOF_MEMORY: Final = 8
-"""Steps that accelerated scaling remembers; with twenty it needs as many iterations."""
+"""Steps that accelerated scaling remembers. With twenty steps it needs as many iterations."""
 
 SINGLE_STRESS: Final = 1e-6
 """Below this stress, distances differ by less than a thousandth, and scaling continues in double precision."""

@@ -110,7 +110,7 @@ def test_a_header_without_a_key_of_the_library_is_refused_in_the_same_words(keye
     with keyed.server.http() as api:
         response = api.get("/v1/shapes", headers={b"Authorization": sent})
     problem = check(response, 401, "key_invalid")
-    assert problem["detail"] == "the Authorization header holds no key of this library"
+    assert problem["detail"] == "the Authorization header contains no key of this library"
     assert secret not in response.text
     assert response.headers["www-authenticate"] == 'Bearer realm="unbend", error="invalid_token"'
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import time
@@ -11,7 +12,9 @@ import pytest
 from tests.support.problem import check
 from tests.support.server import SAMPLES, Server, small_mesh, stored
 from unbend import Library
-from unbend.api.server.scheduled_backups import backups_in
+from unbend.api.server import scheduled_backups
+from unbend.api.server.metrics import Metrics
+from unbend.api.server.scheduled_backups import BackupPlan, ScheduledBackups, backups_in
 from unbend.library.backups.backup import restore, verify
 
 FEW = json.dumps(SAMPLES)
@@ -23,6 +26,27 @@ def until(reached) -> None:
     while not reached():
         assert time.monotonic() < end
         time.sleep(0.1)
+
+
+def test_scheduled_backups_survive_a_backup_that_vanishes(tmp_path, monkeypatch):
+    listed = scheduled_backups.backups_in
+    monkeypatch.setattr(scheduled_backups, "_RETRY_SECONDS", 0.01)
+    monkeypatch.setattr(
+        scheduled_backups, "backups_in", lambda folder: listed(folder) or [folder / "unbend-removed-meanwhile.db"]
+    )
+
+    async def run(library: Library) -> None:
+        backups = ScheduledBackups(library, BackupPlan(tmp_path, hours=24, keep=1), Metrics())
+        backups.start()
+        await asyncio.sleep(0.05)
+        monkeypatch.setattr(scheduled_backups, "backups_in", listed)
+        async with asyncio.timeout(PATIENCE):
+            while not listed(tmp_path):
+                await asyncio.sleep(0.05)
+        await backups.stop()
+
+    with Library(str(tmp_path / "a.db")) as library:
+        asyncio.run(run(library))
 
 
 def test_a_backup_over_http_is_sound_and_leaves_nothing(tmp_path):

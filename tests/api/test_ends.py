@@ -55,7 +55,10 @@ def test_a_second_server_is_refused_and_takes_no_job_over(tmp_path):
         for _ in range(3):
             refused = serve(tmp_path, "--port", "0", "--workers", "1")
             assert refused.returncode == 3
-            assert f"runs the jobs of {server.library} already: process {server.process.pid}" in refused.stderr
+            assert (
+                f"another server runs the jobs of {server.library} already: process {server.process.pid}"
+                in refused.stderr
+            )
             assert "Traceback" not in refused.stderr
         job = http.get(url).json()
         assert (job["state"], job["attempts"]) == ("running", 1)
@@ -159,7 +162,7 @@ def uploads_at_a_full_disk(http, folder) -> None:
         check(response, 507, "store_full")
     ready = http.get("/v1/readyz")
     assert ready.status_code == 503
-    assert "disk has no room" in ready.json()["detail"]
+    assert "disk has no space" in ready.json()["detail"]
     assert http.get("/v1/livez").status_code == 200
     assert "unbend_library_writable 0.0" in http.get("/v1/metrics").text
     assert http.delete(f"/v1/shapes/{first}").status_code == 204

@@ -101,7 +101,7 @@ def test_a_request_and_the_job_it_begins_can_be_found_in_the_log(logging_server)
     assert 0 < request["milliseconds"] < 60_000
     assert request["job_id"] == good["id"]
     messages = [line["message"] for line in found if line.get("job_id") == good["id"]]
-    assert "shape job begun, attempt 1" in messages
+    assert "shape job started, attempt 1" in messages
     assert "shape job succeeded" in messages
     failed = [line["message"] for line in found if line.get("job_id") == bad["id"]]
     assert any(re.match("shape job failed: mesh_read: .*ends early", message) for message in failed)

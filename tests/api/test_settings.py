@@ -98,13 +98,13 @@ def test_a_server_takes_its_settings_from_a_file(tmp_path):
         ("library = 5", ["library: ", "valid string"]),
         ("job_seconds = inf", ["job_seconds is inf", "finite"]),
         ("drain_seconds = nan", ["drain_seconds is nan", "finite"]),
-        ("wrokers = 4", ["wrokers is no setting (workers is)"]),
-        ("[server]\nworkers = 4", ["server is no setting"]),
+        ("wrokers = 4", ["wrokers is not a setting; did you mean workers?"]),
+        ("[server]\nworkers = 4", ["server is not a setting"]),
         ("log_format = 'xml'", ["log_format is 'xml'", "'text' or 'json'"]),
         ("max_upload_mb = 1024\njob_memory_mb = 1024", ["job_memory_mb is 1024: ", "more than {file}: max_upload_mb"]),
-        ("workers = 0\nwrokers = 1\nopen = 1", ["wrokers is no", "open is 1"]),
-        ("workers 4", ["this is not TOML", "line 1"]),
-        ("workers = 1\nworkers = 2", ["this is not TOML", "overwrite"]),
+        ("workers = 0\nwrokers = 1\nopen = 1", ["wrokers is not", "open is 1"]),
+        ("workers 4", ["not TOML", "line 1"]),
+        ("workers = 1\nworkers = 2", ["not TOML", "overwrite"]),
     ],
 )
 def test_a_file_with_a_mistake_is_refused_by_its_name_and_key(tmp_path, text, words):
@@ -119,7 +119,7 @@ def test_a_file_that_is_none_is_refused_by_its_name(tmp_path):
     assert refusal("--config", tmp_path / "none.toml").startswith(f"{tmp_path}/none.toml: ")
     assert refusal(UNBEND_CONFIG=tmp_path).startswith(f"{tmp_path}: ")
     (tmp_path / "latin.toml").write_bytes(b'library = "\xe4.db"')
-    assert "latin.toml: this is not TOML" in refusal("--config", tmp_path / "latin.toml")
+    assert "latin.toml: not TOML" in refusal("--config", tmp_path / "latin.toml")
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_file_that_is_none_is_refused_by_its_name(tmp_path):
         ("UNBEND_JOB_MEMORY_MB", "9" * 30, "less than or equal"),
         ("UNBEND_REQUESTS_PER_MINUTE", "9" * 400, "less than or equal"),
         ("UNBEND_LIBRARY", "", "at least 1 character"),
-        ("UNBEND_CORS_ORIGINS", "*, https://example.org", "'*' stands for all"),
+        ("UNBEND_CORS_ORIGINS", "*, https://example.org", "'*' means all websites"),
         ("UNBEND_CORS_ORIGINS", "https://Example.org", "as browsers send it"),
         ("UNBEND_CORS_ORIGINS", "https://example.org:443", "as browsers send it"),
         ("UNBEND_CORS_ORIGINS", "http://example.org:70000", "as browsers send it"),
@@ -166,7 +166,7 @@ def test_settings_that_contradict_each_other_are_both_named_as_given(tmp_path):
     ],
 )
 def test_a_variable_that_is_no_setting_is_refused_and_the_nearest_is_told(name, meant):
-    assert refusal(**{name: "8000"}) == f"{name} is no setting" + (f" ({meant} is)" if meant else "")
+    assert refusal(**{name: "8000"}) == f"{name} is not a setting" + (f"; did you mean {meant}?" if meant else "")
 
 
 def test_variables_that_are_not_for_the_server_are_left_alone(monkeypatch):

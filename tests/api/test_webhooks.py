@@ -16,6 +16,7 @@ import pytest
 
 from tests.support.problem import check
 from tests.support.server import DAMAGED, SAMPLES, Server, ended, post_mesh, small_mesh
+from unbend.api import Settings
 
 FEW = json.dumps(SAMPLES)
 SECRET = "a secret of the tests"  # noqa: S105
@@ -137,6 +138,13 @@ def test_nobody_is_called_by_default(tmp_path, receiver):
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as api:
         response = post_mesh(api, small_mesh(1), parameters=FEW, callback=receiver.url)
         assert "UNBEND_WEBHOOK_HOSTS" in check(response, 409, "unsuited")["detail"]
+
+
+def test_a_secret_that_is_no_base64_is_refused_at_the_start(monkeypatch):
+    monkeypatch.setenv("UNBEND_WEBHOOK_HOSTS", "hooks.example")
+    monkeypatch.setenv("UNBEND_WEBHOOK_SECRET", "whsec_" + "x" * 17)
+    with pytest.raises(ValueError, match="base64 after whsec_"):
+        Settings()
 
 
 def test_hosts_without_a_secret_are_refused_at_the_start(tmp_path):

@@ -193,7 +193,7 @@ def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder
 def test_an_import_again_stores_nothing_twice(folder, library):
     assert (
         succeeded("import", folder, "--library", library, run=called).stdout
-        == "5 of 5 shapes imported: 0 new, 5 there already\n"
+        == "5 of 5 shapes imported: 0 new, 5 unchanged\n"
     )
     with Library(library) as opened:
         assert len(opened) == 5
@@ -485,7 +485,7 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
     assert succeeded("restore", copy, "--library", other, run=called).stdout == f"{other}: 5 shapes, as in {copy}\n"
     with Library(library) as one, Library(str(other)) as restored:
         assert one.page().items == restored.page().items
-    failed_with_a_sentence(called("backup", copy, "--library", library), "is there already")
+    failed_with_a_sentence(called("backup", copy, "--library", library), "exists already")
     failed_with_a_sentence(called("restore", copy, "--library", other), "would be replaced")
     succeeded("backup", copy, "--library", library, "--force", run=called)
     succeeded("restore", copy, "--library", other, "--force", run=called)
@@ -520,7 +520,7 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
         ("backup {new}/copy.db --library {new}/letter.db", ["not a database"]),
         ("backup {new}/copy.db --library postgresql://host/shapes", ["pg_dump"]),
         ("backup {new}/nowhere/copy.db --library {new}/letter.db", ["no folder"]),
-        ("restore {new}/letter.db --library {new}/a.db", ["no library"]),
+        ("restore {new}/letter.db --library {new}/a.db", ["not a library"]),
         ("restore {new}/nowhere.db --library {new}/a.db", ["no file"]),
     ],
 )

@@ -51,7 +51,7 @@ def test_a_library_comes_back_as_it_was(original, tmp_path):
     assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 11 new\n"
     with Library(str(tmp_path / "b.db")) as library:
         assert told(library.page(limit=500).items) == before
-    assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 0 new, 11 there already\n"
+    assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 0 new, 11 unchanged\n"
 
 
 def test_a_library_comes_back_over_http_as_it_was(original, tmp_path):
@@ -64,7 +64,7 @@ def test_a_library_comes_back_over_http_as_it_was(original, tmp_path):
         relabel(folder / "labels.csv", tmp_path / "labels.csv")
         again = ("import", folder, "--labels", tmp_path / "labels.csv", "--url", server.url)
         said = succeeded(*again, run=called).stdout
-        assert said == "11 of 11 shapes imported: 0 new, 1 changed as they were given, 10 there already\n"
+        assert said == "11 of 11 shapes imported: 0 new, 1 changed, 10 unchanged\n"
 
 
 def relabel(source, target) -> None:
@@ -83,7 +83,7 @@ def test_corrected_labels_are_taken(original, tmp_path):
     succeeded("import", folder, "--labels", folder / "labels.csv", *library, run=called)
     relabel(folder / "labels.csv", tmp_path / "labels.csv")
     done = succeeded("import", folder, "--labels", tmp_path / "labels.csv", *library, run=called)
-    assert done.stdout == "11 of 11 shapes imported: 0 new, 1 changed as they were given, 10 there already\n"
+    assert done.stdout == "11 of 11 shapes imported: 0 new, 1 changed, 10 unchanged\n"
     with Library(str(tmp_path / "b.db")) as opened:
         assert opened.labels()["corrected"] == 1
 
@@ -104,9 +104,9 @@ def test_files_that_are_the_same_and_files_that_are_passed_over_are_said(tmp_pat
     (folder / "c").write_bytes(small_mesh(2))
     (folder / "labels.csv").write_text("path,class\na.ply,cat\n")
     done = succeeded("import", folder, "--samples", 40, "--library", tmp_path / "a.db", run=called)
-    assert done.stdout == "2 of 2 shapes imported: 1 new, 1 there already\n"
+    assert done.stdout == "2 of 2 shapes imported: 1 new, 1 unchanged\n"
     assert "b.ply: has the same bytes as" in done.stderr
-    assert "labels.csv is there, and is not read without --labels" in done.stderr
+    assert "labels.csv exists, but is not read without --labels" in done.stderr
     assert "1 other files are ignored, such as c" in done.stderr
 
 

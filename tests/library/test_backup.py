@@ -127,13 +127,13 @@ def test_a_backup_takes_no_place_that_is_taken(library, path, tmp_path):
     add(library, b"x", "new")
     taken = tmp_path / "taken.db"
     taken.write_bytes(b"something")
-    with pytest.raises(ParameterError, match=r"taken\.db is there already"):
+    with pytest.raises(ParameterError, match=r"taken\.db exists already"):
         library.backup(taken)
     assert taken.read_bytes() == b"something"
     for overwrite in (False, True):
         with pytest.raises(ParameterError, match="the library itself"):
             library.backup(path, overwrite=overwrite)
-        with pytest.raises(ParameterError, match="is there already"):
+        with pytest.raises(ParameterError, match="exists already"):
             library.backup(tmp_path, overwrite=overwrite)
     library.backup(taken, overwrite=True)
     assert names(taken) == ["new"]
@@ -143,7 +143,7 @@ def test_a_backup_is_not_put_under_a_log_that_others_left(library, tmp_path):
     other = tmp_path / "other.db"
     with Library(str(other)) as opened:
         add(opened, b"y", "other")
-        with pytest.raises(ParameterError, match=r"other\.db-\w+ is there"):
+        with pytest.raises(ParameterError, match=r"other\.db-\w+ exists"):
             library.backup(other, overwrite=True)
         assert len(opened) == 1
 
@@ -153,8 +153,8 @@ def test_a_backup_is_not_put_under_a_log_that_others_left(library, tmp_path):
     [
         ("{new}/nowhere.db", "no library at"),
         ("sqlite://", "in memory"),
-        ("postgresql://user:secret@host/shapes", "in postgresql: use pg_dump"),
-        ("postgresql+psycopg://user:secret@host/shapes", "in postgresql: use pg_dump"),
+        ("postgresql://user:secret@host/shapes", "in postgresql, not in an SQLite file: use pg_dump"),
+        ("postgresql+psycopg://user:secret@host/shapes", "in postgresql, not in an SQLite file: use pg_dump"),
     ],
 )
 def test_what_is_no_library_on_a_file_is_not_copied(tmp_path, url, words):
@@ -204,7 +204,7 @@ def test_what_is_no_backup_is_refused(library, tmp_path):
     with closing(sqlite3.connect(tmp_path / "others.db")) as connection:
         connection.execute("CREATE TABLE shapes (id)")
     for name in ("letter.txt", "nothing", "others.db"):
-        with pytest.raises(BackupError, match="no library"):
+        with pytest.raises(BackupError, match="not a library"):
             restore(tmp_path / name, library.url, overwrite=True)
     for name in ("nowhere", "."):
         with pytest.raises(ParameterError, match="no file"):

@@ -40,6 +40,18 @@ def test_a_question_is_asked_once_until_somebody_writes(tmp_path):
         assert len(looks) == 4
 
 
+def test_a_library_in_memory_forgets_no_write():
+    looks: list[int] = []
+    with Library("sqlite://") as library:
+        assert counted(library, looks) == 0
+        add(library, b"one", "one")
+        assert counted(library, looks) == 1
+        record, text = library.keys.create("a", "read")
+        assert asyncio.run(library.keys.find_async(text)) == (record, True)
+        library.keys.revoke(record.id)
+        assert asyncio.run(library.keys.find_async(text)) == (None, False)
+
+
 def test_what_was_not_written_in_the_end_changes_nothing(tmp_path):
     looks: list[int] = []
     with Library(str(tmp_path / "library.db")) as library:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.support.store import PARAMETERS
+from tests.support.store import PARAMETERS, add
 from unbend import Library
+from unbend.errors import QueueFullError, QuotaError
 from unbend.library import job_rows, shape_rows
 from unbend.library.job_rows import Sender
-from unbend.library.requests import QueryRequest, ShapeRequest, Upload
+from unbend.library.jobs import QueueLimits
+from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upload
 
 
 def send(connection, number: int, owner: str | None, data: bytes = b"") -> job_rows.JobRecord:
@@ -49,6 +52,30 @@ def test_the_place_of_a_job_is_how_many_are_begun_before_it(tmp_path_factory, ow
         while job := job_rows.claim(connection):
             order.append(job.id)
         assert places == {one: place for place, one in enumerate(order)}
+
+
+def test_files_of_a_shape_count_as_jobs_of_their_key(library):
+    shape, wanted = add(library, b"a", "a"), FileRequest("mesh", {"file_type": "ply"}, "ply", "a")
+    library.jobs.submit_file(shape, wanted, Sender("a"), QueueLimits(2, owned=1)).result()
+    with pytest.raises(QuotaError):
+        library.jobs.submit_file(shape, wanted, Sender("a"), QueueLimits(2, owned=1)).result()
+    library.jobs.submit_file(shape, wanted, Sender("b"), QueueLimits(2, owned=1)).result()
+    with pytest.raises(QueueFullError):
+        library.jobs.submit_file(shape, wanted, Sender("c"), QueueLimits(2, owned=1)).result()
+
+
+def test_a_job_whose_known_shape_was_removed_keeps_its_attempts(library):
+    shape = add(library, b"a", "a")
+    key = Upload(b"a", "off", PARAMETERS).key
+    with library.store.write() as connection:
+        job = send(connection, 0, None, b"same")
+        claimed = job_rows.claim(connection)
+    library.shapes.remove(shape.id)
+    assert claimed.id == job.id
+    assert library.jobs.complete_known(claimed, key).result() is None
+    with library.store.read() as connection:
+        again = job_rows.get_job(connection, job.id)
+    assert (again.state, again.attempts, again.restarts) == ("queued", 0, 0)
 
 
 def test_an_upload_waits_while_another_of_its_file_is_computed(library):

@@ -1,4 +1,4 @@
-"""The ASGI application: its parts put together."""
+"""The ASGI application: routes, middleware, and the start and stop of its parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from unbend.api.middleware.body_limits import BodyLimit, Framing
 from unbend.api.middleware.compression import Compression
 from unbend.api.middleware.methods import Methods
 from unbend.api.middleware.prefix import ASSETS, Prefix
-from unbend.api.middleware.requests import Requests
+from unbend.api.middleware.requests import RequestLogging
 from unbend.api.middleware.response_budget import ResponseBudget
 from unbend.api.middleware.security_headers import SecurityHeaders
 from unbend.api.routes import backups, demo, health, jobs, overview, page, pictures, queries, shapes
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _DESCRIPTION = """Recognise shapes however they bend.
 
 Upload meshes with `POST /v1/shapes`; each gets a *bending-invariant signature* (Elad & Kimmel, PAMI 2003).
-Ask `POST /v1/queries` what a mesh is and which stored shapes are like it, whatever their pose.
+`POST /v1/queries` ranks the classes and stored shapes that are most similar to a mesh, whatever its pose.
 """
 
 
@@ -66,7 +66,7 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        held = lease or Lease(chosen.library)
+        own_lease = lease or Lease(chosen.library)
         library = Library(chosen.library)
         if library.disk:
             library.disk.reserve(chosen.reserve_bytes)
@@ -75,17 +75,17 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         scheduled = ScheduledBackups(library, chosen.backup_plan, metrics) if chosen.backup_plan else None
         webhooks = Webhooks(library.jobs, chosen.webhook_plan) if chosen.webhook_plan else None
         await runner.start()
-        aside = [each for each in (scheduled, webhooks) if each]
-        for each in aside:
+        background = [each for each in (scheduled, webhooks) if each]
+        for each in background:
             each.start()
         try:
             yield
         finally:
-            for each in aside:
+            for each in background:
                 await each.stop()
             await runner.stop()
             library.close()
-            held.close()
+            own_lease.close()
             if traces:
                 await asyncio.to_thread(traces.close)
 
@@ -103,7 +103,7 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
 
 
 def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: Traces | None) -> None:
-    """Add middleware, the innermost first. Access control comes before any byte of a body is read."""
+    """Add middleware, the innermost first. `Access` checks a request before any byte of the body is read."""
     app.add_middleware(Methods)
     app.add_middleware(Compression)
     app.add_middleware(ResponseBudget, together=settings.max_answering_mb * 2**20)
@@ -124,7 +124,7 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
         from unbend.api.server.traces import TracedRequests  # noqa: PLC0415
 
         app.add_middleware(TracedRequests, traces=traces)
-    app.add_middleware(Requests, metrics=metrics)
+    app.add_middleware(RequestLogging, metrics=metrics)
     if settings.root_path:
         app.add_middleware(Prefix, prefix=settings.root_path)
 

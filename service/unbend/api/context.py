@@ -1,4 +1,4 @@
-"""Names that all parts of the HTTP API share: paths, headers, and the state of a request."""
+"""Names that the parts of the HTTP API share: paths, headers, and the state of a request."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ REQUEST_ID: Final = "X-Request-ID"
 """The header with the id of a request."""
 
 CURRENT_REQUEST: Final[ContextVar[str | None]] = ContextVar("unbend request", default=None)
-"""The id of the request that log lines of this task are about. Each request is a task, so it needs no reset."""
+"""The id of the present request, for log lines. Each request runs in a task of its own, so no reset is needed."""
 
 CALLER: Final = "unbend.caller"
 """Key of the caller in an ASGI scope: an API key's id, "open" if the service needs no key, or "none"."""
@@ -40,19 +40,19 @@ def scope_of(method: str, path: str) -> Literal["read", "write"]:
 
 
 def method_of(scope: Scope) -> str:
-    """Return the method of a request, "other" for unknown ones."""
+    """Return the method of a request; "other" for unknown methods."""
     method: str = scope["method"]
     return method if method in _METHODS else "other"
 
 
 def route_of(scope: Scope) -> str:
-    """Return the path template of a request, "unmatched" if no route matches, because clients choose the path."""
+    """Return the path template of a request; "unmatched" if no route matches, because clients choose their paths."""
     template: str | None = getattr(scope.get("route"), "path", None)
     if template is None:
         return "unmatched"
     # In later versions of FastAPI, the routes of a router do not contain the prefix of its inclusion.
-    is_bare = scope["path"].startswith(f"{API_PREFIX}/") and not template.startswith(f"{API_PREFIX}/")
-    return API_PREFIX + template if is_bare else template
+    has_no_prefix = scope["path"].startswith(f"{API_PREFIX}/") and not template.startswith(f"{API_PREFIX}/")
+    return API_PREFIX + template if has_no_prefix else template
 
 
 def job_path(job_id: str) -> str:

@@ -1,4 +1,4 @@
-"""The command line. Commands import their dependencies when they run, so that --help is fast."""
+"""The command line. Commands import large dependencies when they run, so that --help is fast."""
 
 from unbend.cli.main import main
 

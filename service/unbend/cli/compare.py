@@ -13,7 +13,7 @@ from unbend.cli.options import Values, mesh_path, parameter_options, policy_opti
 @click.command()
 @click.argument("a", type=mesh_path)
 @click.argument("b", type=mesh_path)
-@click.option("--measure", help="How signatures are compared.")
+@click.option("--measure", help="Measure that compares the signatures.")
 @parameter_options
 @policy_options
 def compare(a: Path, b: Path, measure: str | None, parameters: Values, policy: Values) -> None:

@@ -52,7 +52,7 @@ def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
 
 
 def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> list[Computed]:
-    """Return the signatures of `files` in their order; errors are printed, and do not stop the rest."""
+    """Return the signatures of `files` in their order. Errors are printed, and other files are still computed."""
     with progress(_computed(files, parameters, policy), "computing signatures", len(files)) as bar:
         results = list(bar)
     for result in results:
@@ -79,7 +79,7 @@ def _computed(files: Sequence[LabelledFile], parameters: Values, policy: Values)
 def dimensions_of(
     files: Sequence[LabelledFile], parameters: Values, policy: Values
 ) -> dict[Path, dict[Method, Floats]]:
-    """Return the moments in 1 to 6 dimensions by path; files with errors are left out."""
+    """Return the moments in 1 to 6 dimensions by path, without files that have errors."""
     from unbend.jobs.batch import compute_each, dimensions_of_path  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 

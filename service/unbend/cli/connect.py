@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from unbend.client import Client
 
 KEY_VARIABLE: Final = "UNBEND_API_KEY"
-"""The environment variable of the API key: an option would show it in the list of processes."""
+"""The environment variable of the API key. A command line option would be visible in the list of processes."""
 
 
 def connect(url: str) -> Client:

@@ -29,8 +29,8 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
 @click.command()
 @folder_argument
 @click.option("--labels", required=True, type=_CSV, help="CSV with the columns path (relative to DIR) and class.")
-@click.option("--measure", "measures", multiple=True, help="Only this measure; may be repeated. All by default.")
-@click.option("--gallery", type=_CSV, help="A second CSV with the shapes that those of --labels are compared with.")
+@click.option("--measure", "measures", multiple=True, help="A measure to evaluate; may be repeated. All by default.")
+@click.option("--gallery", type=_CSV, help="A second CSV with the shapes to compare those of --labels with.")
 @json_option
 @click.option("--per-class", is_flag=True, help="Add metrics of each class; with --json also confusions and curves.")
 @click.option(
@@ -39,7 +39,7 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
     is_flag=True,
     help="Add the separation of classes in each measure, and in 1 to 6 dimensions; computes each shape again.",
 )
-@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots, in one file for offline use.")
+@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots, as one HTML file.")
 @parameter_options
 @policy_options
 def evaluate(
@@ -57,8 +57,8 @@ def evaluate(
     """Measure retrieval on the labelled shapes of DIR.
 
     By default every shape is a query against all others (leave-one-out). With --gallery, the result is the share of
-    shapes whose nearest class in the gallery is right. Unusable files are named on standard error; as queries against
-    a gallery they count as wrong.
+    shapes whose nearest class in the gallery is right. Unusable files are printed on standard error. With
+    --gallery, unusable queries count as wrong.
     """
     from unbend.cli.computing import compute_files  # noqa: PLC0415
     from unbend.cli.folder import read_labels  # noqa: PLC0415
@@ -72,28 +72,28 @@ def evaluate(
     others = _with_class(read_labels(gallery, folder), gallery) if gallery else []
     computed = compute_files(queries + others, parameters, policy)
     found = computed[: len(queries)]
-    held = computed[len(queries) :] if gallery else None
-    evaluations = {measure.name: _evaluation(measure, found, held) for measure in chosen}
-    apart = _apart(chosen, found, parameters, policy) if separated else None
+    compared = computed[len(queries) :] if gallery else None
+    evaluations = {measure.name: _evaluation(measure, found, compared) for measure in chosen}
+    separations = _separations(chosen, found, parameters, policy) if separated else None
     if html:
         given = {"folder": folder, "labels": labels, "gallery": gallery}
         maps = {measure.name: _map(measure, found) for measure in chosen}
-        page = _page(evaluations, maps, apart, (found, held), folder, given | _settings(parameters, policy))
+        page = _page(evaluations, maps, separations, (found, compared), folder, given | _settings(parameters, policy))
         html.write_text(page, encoding="utf-8", errors="backslashreplace")  # file names may not be UTF-8
     if as_json:
-        told = {
-            name: result.as_dict() if per_class else _figures(result, held is None)
+        output = {
+            name: result.as_dict() if per_class else _figures(result, compared is None)
             for name, result in evaluations.items()
         }
-        if apart:
-            told["separation"] = {name: asdict(of) for name, of in apart[0].items()} | {
-                "dimensions": apart[1].as_dict()
+        if separations:
+            output["separation"] = {name: asdict(of) for name, of in separations[0].items()} | {
+                "dimensions": separations[1].as_dict()
             }
-        click.echo(json.dumps(told))
+        click.echo(json.dumps(output))
     else:
-        click.echo(_tables(evaluations, held is None, per_class))
-        if apart:
-            click.echo("\n" + _tables_of_separation(*apart))
+        click.echo(_tables(evaluations, compared is None, per_class))
+        if separations:
+            click.echo("\n" + _tables_of_separation(*separations))
 
 
 def _with_class(files: Sequence[LabelledFile], labels: Path) -> list[LabelledFile]:
@@ -113,18 +113,18 @@ def _evaluation(measure: VectorMeasure, queries: Sequence[Computed], gallery: Se
     from unbend.errors import ParameterError  # noqa: PLC0415
     from unbend.matching.evaluate import evaluate as evaluated  # noqa: PLC0415
 
-    asked, asked_labels = _vectors(measure, queries)
+    vectors, labels = _vectors(measure, queries)
     if gallery is None:
-        if not asked:
+        if not vectors:
             raise ParameterError("none of the files can be used")
-        return evaluated(measure.matrix(np.stack(asked)), asked_labels, asked_labels, own=np.arange(len(asked)))
-    held, held_labels = _vectors(measure, gallery)
-    if not held:
+        return evaluated(measure.matrix(np.stack(vectors)), labels, labels, own=np.arange(len(vectors)))
+    others, other_labels = _vectors(measure, gallery)
+    if not others:
         raise ParameterError("none of the gallery's files can be used")
-    shelf = np.stack(held)
-    distances = measure.between(np.array(asked, shelf.dtype).reshape(-1, shelf.shape[1]), shelf)
+    stacked = np.stack(others)
+    distances = measure.between(np.array(vectors, stacked.dtype).reshape(-1, stacked.shape[1]), stacked)
     failed = [str(item.file.label) for item in queries if not item.signature]
-    return evaluated(distances, asked_labels, held_labels, unanswered=failed)
+    return evaluated(distances, labels, other_labels, unanswered=failed)
 
 
 def _vectors(measure: VectorMeasure, computed: Sequence[Computed]) -> tuple[list[Any], list[str]]:
@@ -142,10 +142,10 @@ def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
     return class_map(np.stack(_vectors(measure, computed)[0]), measure).points
 
 
-def _apart(
+def _separations(
     measures: Sequence[VectorMeasure], computed: Sequence[Computed], parameters: Values, policy: Values
 ) -> tuple[dict[str, Clusters], Separation]:
-    """Return the separation of classes in each measure, and over the number of dimensions."""
+    """Return the separation of classes under each measure, and by the number of dimensions."""
     import numpy as np  # noqa: PLC0415
 
     from unbend.cli.computing import dimensions_of  # noqa: PLC0415
@@ -166,7 +166,7 @@ def _apart(
 def _page(
     evaluations: Mapping[str, Evaluation],
     maps: Mapping[str, Floats],
-    apart: tuple[dict[str, Clusters], Separation] | None,
+    separations: tuple[dict[str, Clusters], Separation] | None,
     computed: tuple[Sequence[Computed], Sequence[Computed] | None],
     folder: Path,
     settings: Values,
@@ -190,8 +190,8 @@ def _page(
         version=__version__,
         date=datetime.now(UTC).date(),
         maps=maps,
-        clusters=apart[0] if apart else {},
-        separation=apart[1] if apart else None,
+        clusters=separations[0] if separations else {},
+        separation=separations[1] if separations else None,
     )
     return render(report)
 
@@ -207,7 +207,7 @@ def _settings(parameters: Values, policy: Values) -> Values:
 
 
 def _name(file: LabelledFile, folder: Path) -> str:
-    """Return the path of a file as in the CSV."""
+    """Return the path of a file as the CSV has it."""
     return printable(str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path))
 
 
@@ -222,13 +222,13 @@ def _tables(evaluations: Mapping[str, Evaluation], left_out: bool, per_class: bo
 
     columns = [] if left_out else ["accuracy"]
     columns += ["nn", "ft", "st", "e", "dcg", "map"]
-    told = {name: result.as_dict() for name, result in evaluations.items()}
-    overall = table("measure", columns, list(told.items()))
+    figures = {name: result.as_dict() for name, result in evaluations.items()}
+    overall = table("measure", columns, list(figures.items()))
     if not per_class:
         return overall
     classes = [
         table(name, ["queries", "members", *columns], [(row["label"], row) for row in result["classes"]])
-        for name, result in told.items()
+        for name, result in figures.items()
     ]
     return "\n\n".join([overall, *classes])
 
@@ -238,7 +238,7 @@ def _tables_of_separation(by_measure: Mapping[str, Clusters], over: Separation) 
 
     first = table("measure", ["nearest", "ratio"], [(name, asdict(of)) for name, of in by_measure.items()])
     if not over.pairs:
-        return f"{first}\n\nno two classes have two shapes each: nothing is separated over dimensions"
+        return f"{first}\n\nno two classes have two shapes each: there is no separation by dimensions"
     medians = over.medians
     columns = [f"m = {m}" for m in range(1, 1 + max(map(len, medians.values())))]
     rows = [(method, dict(zip(columns, of, strict=True))) for method, of in medians.items()]

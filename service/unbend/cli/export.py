@@ -16,7 +16,7 @@ from unbend.names import DEFAULT_LIBRARY, printable
 def export(folder: Path, library: str | None) -> None:
     """Write every shape's file, and labels.csv, to DIR, which must be empty.
 
-    `unbend import DIR --labels DIR/labels.csv` and `unbend evaluate` read it.
+    `unbend import DIR --labels DIR/labels.csv` and `unbend evaluate` read such a folder.
     """
     from unbend.library import Library  # noqa: PLC0415
     from unbend.library.storage.database import must_exist  # noqa: PLC0415

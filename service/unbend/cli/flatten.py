@@ -24,7 +24,7 @@ from unbend.cli.options import Values, mesh_path, parameter_options, policy_opti
 def flatten(mesh: Path, output: Path, parameters: Values, policy: Values) -> None:
     """Flatten MESH into the plane, and write it with the resulting texture coordinates.
 
-    Sheet-like surfaces give good results. A closed surface lies in two layers, so cut it open first.
+    Sheet-like surfaces give good results. A closed surface is flattened into two layers: cut it open first.
     """
     from unbend.mesh.write import TEXTURE_FORMATS, check_format  # noqa: PLC0415
     from unbend.signature.flattening import export_flattening  # noqa: PLC0415

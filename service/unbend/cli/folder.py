@@ -26,17 +26,19 @@ class LabelledFile:
 
 
 def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
-    """Return the files of a labels.csv, whose paths are relative to `folder`. A file without a class has no label.
+    """Return the files of a labels.csv, whose paths are relative to `folder`.
 
-    Of the columns that `unbend export` writes, name, metadata, parameters and policy are read if they exist.
+    A file without a class has no label.
 
-    A path may contain any bytes, because file names may: bytes that are not UTF-8 become surrogates.
+    Of the other columns that `unbend export` writes, name, metadata, parameters and policy are read if they exist.
+
+    Paths, like file names, may contain any bytes. Bytes that are not UTF-8 become surrogates.
 
     Raises
     ------
     ParameterError
-        If the header lacks `path` or `class`, a row lacks a path, text is not UTF-8, an object is not JSON, or a file
-        is missing.
+        If the table is not CSV, has no rows, or has no column `path` or `class`; if a row has no path, names a missing
+        file, or has a class or name that is not UTF-8; or if metadata, parameters or policy are not a JSON object.
     """
     try:
         with csv_path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
@@ -57,8 +59,8 @@ _OBJECTS: Final = ("metadata", "parameters", "policy")
 
 def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[LabelledFile]:
     """Return the mesh files below `folder` in the order of their names."""
-    endings = {f".{name}" for name in FORMATS}
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in endings and path.is_file())
+    extensions = {f".{name}" for name in FORMATS}
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in extensions and path.is_file())
     if not paths:
         raise ParameterError(f"{folder}: there is no file that ends in {', '.join(FORMATS)}")
     return [LabelledFile(path, _folder_name(path) if label_from_folder else None) for path in paths]
@@ -66,9 +68,9 @@ def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[Labell
 
 def ignored_files(folder: Path) -> list[Path]:
     """Return the files below `folder` that `find_meshes` ignores, except hidden ones."""
-    endings = {f".{name}" for name in FORMATS}
+    extensions = {f".{name}" for name in FORMATS}
     files = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return sorted(path for path in files if path.suffix.lower() not in endings)
+    return sorted(path for path in files if path.suffix.lower() not in extensions)
 
 
 def _folder_name(path: Path) -> str | None:
@@ -85,14 +87,14 @@ def _labelled(row: dict[str, str | None], csv_path: Path, line: int, folder: Pat
         text = row.get(column) or ""
         if text != printable(text):
             raise ParameterError(f"{csv_path}, line {line}: the {column} {printable(text)} is not UTF-8")
-    objects = {name: _object(row.get(name), f"{csv_path}, line {line}: {name}") for name in _OBJECTS}
+    objects = {name: _parse_object(row.get(name), f"{csv_path}, line {line}: {name}") for name in _OBJECTS}
     return LabelledFile(
         folder / path, label or None, row.get("name") or None, objects["metadata"], objects["parameters"] or {},
         objects["policy"] or {},
     )  # fmt: skip
 
 
-def _object(text: str | None, what: str) -> dict[str, Any] | None:
+def _parse_object(text: str | None, what: str) -> dict[str, Any] | None:
     if not text:
         return None
     value = parse_json(text, what)

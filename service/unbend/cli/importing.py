@@ -35,7 +35,7 @@ Outcome = Literal["new", "updated", "known"]
 
 EXIT_SOME_FAILED = 3
 LABELS = "labels.csv"
-_SAID: Final[dict[Outcome, str]] = {"updated": "changed as they were given", "known": "there already"}
+_COUNTED_AS: Final[dict[Outcome, str]] = {"updated": "changed", "known": "unchanged"}
 _AHEAD = 64  # uploads sent before waiting for the first, so that no worker is idle
 
 
@@ -72,7 +72,7 @@ def import_folder(
     With --labels, names, metadata, parameters and policies from `unbend export` are imported too; options override
     them. A shape that is stored already takes the new values.
 
-    Unusable files are named on standard error; the exit status is then 3.
+    Unusable files are printed on standard error, and the exit status is then 3.
     """
     if labels and label_from:
         raise click.UsageError("--labels and --label-from exclude each other")
@@ -87,7 +87,7 @@ def import_folder(
         if file.error:
             warn(f"{file.path}: {file.error}")
         warn_of(file.path, file.warnings)
-    _tell_of_twins(ended)
+    _warn_of_duplicates(ended)
     if not labels:
         _warn_of_ignored(folder)
     click.echo(_summary(ended))
@@ -96,20 +96,20 @@ def import_folder(
 
 
 def _warn_of_ignored(folder: Path) -> None:
-    """Print the ignored files; --labels may have been forgotten."""
+    """Print the ignored files, because --labels may have been forgotten."""
     others = ignored_files(folder)
     if folder / LABELS in others:
-        warn(f"{folder / LABELS} is there, and is not read without --labels")
+        warn(f"{folder / LABELS} exists, but is not read without --labels")
         others.remove(folder / LABELS)
     if others:
         warn(f"{len(others)} other files are ignored, such as {printable(others[0].name)}")
 
 
-def _tell_of_twins(ended: Sequence[_Ended]) -> None:
+def _warn_of_duplicates(ended: Sequence[_Ended]) -> None:
     first: dict[str, Path] = {}
     for file in ended:
         if not file.error and file.shape_id in first:
-            warn(f"{file.path}: has the same bytes as {first[file.shape_id]}, and both are one shape")
+            warn(f"{file.path}: has the same bytes as {first[file.shape_id]}, so both are one shape")
         elif not file.error:
             first[file.shape_id] = file.path
 
@@ -117,7 +117,7 @@ def _tell_of_twins(ended: Sequence[_Ended]) -> None:
 def _summary(ended: Sequence[_Ended]) -> str:
     counts = Counter(file.outcome for file in ended if not file.error)
     parts = [f"{counts['new']} new"]
-    parts += [f"{counts[outcome]} {said}" for outcome, said in _SAID.items() if counts[outcome]]
+    parts += [f"{counts[outcome]} {text}" for outcome, text in _COUNTED_AS.items() if counts[outcome]]
     return f"{sum(counts.values())} of {len(ended)} shapes imported: {', '.join(parts)}"
 
 
@@ -160,7 +160,7 @@ def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, poli
                 )
                 waiting.append((file, job))
             except (UnbendError, OSError) as error:
-                if _is_hopeless(error):
+                if _fails_for_all(error):
                     raise
                 yield _Ended(file.path, str(error))
             if len(waiting) > _AHEAD:
@@ -175,7 +175,7 @@ def _outcome(updated: Sequence[str], *, is_new: bool) -> Outcome:
     return "updated" if updated else "known"
 
 
-def _is_hopeless(error: Exception) -> bool:
+def _fails_for_all(error: Exception) -> bool:
     """Return whether an error will repeat for every file: no service, no right to write, or refused options."""
     return isinstance(error, ServiceError) and (
         error.status in {None, 401, 403} or error.problem.get("code") == ParameterError.code

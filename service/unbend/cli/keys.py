@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def keys() -> None:
     """Make, list and revoke the API keys of a library.
 
-    A library with keys needs one for every request; a running server follows a change with the next request.
+    A library with keys needs one for every request. A running server applies a change to the next request.
     """
 
 
@@ -41,8 +41,8 @@ def keys() -> None:
 def create(
     name: str, scope: Literal["read", "write", "admin"], expires: str | None, most_jobs: int | None, library: str | None
 ) -> None:
-    """Make a key named NAME and print it. It is shown only once, because the library stores only its hash."""
-    until = _instant(expires) if expires else None
+    """Make a key named NAME and print it. The key is shown only once, because the library stores only its hash."""
+    until = _parse_expiry(expires) if expires else None
     with _keys(library) as stored:
         record, text = stored.create(name, scope, expires_at=until, most_jobs=most_jobs)
     warn(f"unbend: key {record.id}, which may {scope}; it will not be shown again")
@@ -56,7 +56,7 @@ def list_all(library: str | None, as_json: bool) -> None:
     """List the keys, including revoked ones, without their secrets."""
     with _keys(library) as stored:
         records = stored.all()
-    click.echo(json.dumps({"keys": [_told(record) for record in records]}) if as_json else _table(records))
+    click.echo(json.dumps({"keys": [_as_json(record) for record in records]}) if as_json else _table(records))
 
 
 @keys.command("revoke")
@@ -77,7 +77,7 @@ def _keys(url: str | None) -> Iterator[Keys]:
         yield library.keys
 
 
-def _instant(text: str) -> datetime:
+def _parse_expiry(text: str) -> datetime:
     """Return the time of `90d`, `12h`, or a date with an optional time; days begin in UTC."""
     if found := re.fullmatch(r"(\d{1,5})([dh])", text):
         return datetime.now(UTC) + timedelta(**{"days" if found[2] == "d" else "hours": int(found[1])})
@@ -88,9 +88,9 @@ def _instant(text: str) -> datetime:
     return instant if instant.tzinfo else instant.replace(tzinfo=UTC)
 
 
-def _told(record: KeyRecord) -> dict[str, object]:
-    told = {name: value.isoformat() if isinstance(value, datetime) else value for name, value in vars(record).items()}
-    return told | {"expired": record.is_expired}
+def _as_json(record: KeyRecord) -> dict[str, object]:
+    values = {name: value.isoformat() if isinstance(value, datetime) else value for name, value in vars(record).items()}
+    return values | {"expired": record.is_expired}
 
 
 def _table(records: list[KeyRecord]) -> str:

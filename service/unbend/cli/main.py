@@ -1,4 +1,4 @@
-"""The command group, and the display of errors."""
+"""The command group, which prints errors as sentences."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from unbend.errors import StoreInUseError, UnbendError
 EXIT_FAILED = 1
 EXIT_IN_USE = 3  # so that a supervisor can distinguish a second server from a failed one
 
-# Set before NumPy is loaded. unbend uses the cores with its own threads and processes. OpenBLAS' threads spin while
-# they wait, which slows those down, and the matrices are too small to gain from them.
+# Set before NumPy is loaded. unbend uses all cores with its own threads and processes. OpenBLAS' threads would slow
+# them down, because they spin while they wait, and unbend's matrices are too small to gain from them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-class ErrorsShown(click.Group):
-    """A group that prints errors of unbend as a sentence instead of a traceback."""
+class ErrorPrintingGroup(click.Group):
+    """A group of commands that prints errors as sentences instead of tracebacks."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command."""
+        """Run a command, and print its error."""
         try:
             return super().invoke(ctx)
         except UnbendError as error:
@@ -50,7 +50,7 @@ class ErrorsShown(click.Group):
             sys.exit(EXIT_FAILED)
 
 
-@click.group(cls=ErrorsShown, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=ErrorPrintingGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="unbend")
 def main() -> None:
     """Recognise shapes however they bend."""

@@ -26,7 +26,7 @@ WEIGHTINGS = ("equal", "inverse", "inverse_squared", "area")
 CRITERIA = ("error", "stress")
 
 Values = dict[str, Any]
-"""The given options of a group by field, as the clients send them and `from_dict` accepts them."""
+"""The given options of a group, by field, as clients send and `from_dict` accepts them."""
 
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 mesh_path = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -38,7 +38,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 
 
 def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
-    """Return a decorator that adds `options`; the command gets the given ones as one mapping named `name`."""
+    """Return a decorator that adds `options`; the command receives those that are given as a mapping named `name`."""
 
     def put(context: click.Context, option: click.Parameter, value: object) -> None:
         given = context.params.setdefault(name, {})
@@ -74,7 +74,11 @@ parameter_options = _group(
         },
         "--method": {"type": click.Choice(METHODS), "default": "least_squares", "help": "How samples are embedded."},
         "--update": {"type": click.Choice(UPDATES), "default": "spherical", "help": "How marching crosses a triangle."},
-        "--scaling": {"type": click.Choice(SCALINGS), "default": "area", "help": "What is made 1."},
+        "--scaling": {
+            "type": click.Choice(SCALINGS),
+            "default": "area",
+            "help": "Quantity that is scaled to 1.",
+        },
         "--first-sample": {"type": click.Choice(FIRST_SAMPLES), "default": "end", "help": "Where sampling begins."},
         "--starts": {
             "metavar": "N",
@@ -82,14 +86,19 @@ parameter_options = _group(
             "default": 0,
             "help": "Further random starts of least squares.",
         },
-        "--seed": {"metavar": "N", "type": int, "default": 0, "help": "Of all that is random."},
-        "--weights": {"type": click.Choice(WEIGHTINGS), "default": "equal", "help": "Of pairs in the stress."},
+        "--seed": {"metavar": "N", "type": int, "default": 0, "help": "Seed of all random choices."},
+        "--weights": {"type": click.Choice(WEIGHTINGS), "default": "equal", "help": "Weights of pairs in the stress."},
         "--criterion": {
             "type": click.Choice(CRITERIA),
             "default": "error",
             "help": 'Quantity that --threshold limits if --dimensions is "auto": eq. 6, or the stress.',
         },
-        "--threshold": {"metavar": "X", "type": float, "default": 0.05, "help": 'Of --dimensions "auto".'},
+        "--threshold": {
+            "metavar": "X",
+            "type": float,
+            "default": 0.05,
+            "help": 'Limit of --criterion for --dimensions "auto".',
+        },
         "--tolerance": {
             "metavar": "X",
             "type": float,
@@ -124,7 +133,7 @@ policy_options = _group(
 
 @contextmanager
 def progress(items: Iterable[T], label: str, length: int) -> Iterator[Iterable[T]]:
-    """Show a progress bar on standard error; nothing if it is no terminal."""
+    """Show a progress bar on standard error if it is a terminal."""
     with click.progressbar(
         items, length=length, label=label, file=sys.stderr, show_pos=True, hidden=not sys.stderr.isatty()
     ) as bar:

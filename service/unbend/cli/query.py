@@ -26,8 +26,8 @@ from unbend.names import DEFAULT_LIBRARY
 @click.argument("mesh", type=mesh_path)
 @library_option
 @url_option
-@click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Shapes shown.")
-@click.option("--measure", help="How signatures are compared.")
+@click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Number of shapes to print.")
+@click.option("--measure", help="Measure that compares the signatures.")
 @click.option("--classifier", help="The rule that turns distances from shapes into distances from classes.")
 @json_option
 @parameter_options
@@ -45,29 +45,29 @@ def query(
 ) -> None:
     """Print the classes and shapes of the library that are nearest to MESH.
 
-    Only shapes that were stored with the same --samples, --dimensions and --method are compared.
+    Only shapes whose signatures were computed with the same parameters are compared. Reading policies may differ.
     """
     chosen = {"measure": measure, "classifier": classifier}
-    asked = {"k": k} | {name: value for name, value in chosen.items() if value}
+    options = {"k": k} | {name: value for name, value in chosen.items() if value}
     if url:
-        ranking = _over_http(url, mesh, parameters, policy, asked)
+        ranking = _over_http(url, mesh, parameters, policy, options)
     else:
-        ranking = _in_library(library or DEFAULT_LIBRARY, mesh, parameters, policy, asked)
+        ranking = _in_library(library or DEFAULT_LIBRARY, mesh, parameters, policy, options)
     click.echo(json.dumps(ranking) if as_json else _table(ranking))
     if url:  # `compute_file` has printed the warnings of a local signature
         warn_of(mesh.name, ranking.get("warnings", ()))
 
 
-def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, asked: Values) -> Values:
+def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:
     with connect(url) as client:
-        return client.query(mesh, parameters=parameters, policy=policy, **asked)
+        return client.query(mesh, parameters=parameters, policy=policy, **options)
 
 
-def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, asked: Values) -> Values:
+def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:
     from unbend.library import Library  # noqa: PLC0415
 
     with Library(url) as library:
-        return library.rank(compute_file(mesh, parameters, policy), **asked).as_dict()
+        return library.rank(compute_file(mesh, parameters, policy), **options).as_dict()
 
 
 def _table(ranking: Values) -> str:
@@ -76,7 +76,9 @@ def _table(ranking: Values) -> str:
     lines = [f"{'class':<24}{'distance':>12}{'confidence':>12}"]
     lines += [f"{row['label']:<24}{row['distance']:>12.4g}{row['confidence']:>12.2f}" for row in ranking["classes"][:5]]
     if ranking["known"] is False:
-        lines.append("farther from the best class than its members are from each other: it may be none of these")
+        lines.append(
+            "farther from the best class than its members are from each other: the mesh may be of no class above"
+        )
     lines += ["", f"{'shape':<24}{'distance':>12}  class"]
     lines += [f"{row['name']:<24}{row['distance']:>12.4g}  {row['label'] or '-'}" for row in ranking["shapes"]]
     return "\n".join(lines)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from unbend.api.server.connections import ConnectionLimits
     from unbend.api.server.settings import Settings
 
-_SHUTDOWN_SECONDS = 5  # time for open requests, mainly long polls, when the server stops
+_SHUTDOWN_SECONDS = 5  # time for open requests when the server stops
 
 _BACKLOG = 2048  # uvicorn's default
 _GARBAGE = 10_000  # net new objects before a garbage collection: a request creates hundreds
@@ -29,10 +29,17 @@ _GARBAGE = 10_000  # net new objects before a garbage collection: a request crea
 @click.option("--host", default="127.0.0.1", show_default=True)
 @click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
 @library_option
-@click.option("--workers", metavar="N", type=click.IntRange(1, 256), help="Processes that compute; all cores.")
-@click.option("--open", is_flag=True, help="Serve everybody without keys while there are none.")
 @click.option(
-    "--config", "file", metavar="FILE", type=click.Path(path_type=Path), envvar="UNBEND_CONFIG", help="Settings, TOML."
+    "--workers", metavar="N", type=click.IntRange(1, 256), help="Worker processes; one for each core by default."
+)
+@click.option("--open", is_flag=True, help="Serve everybody as long as the library has no keys.")
+@click.option(
+    "--config",
+    "file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    envvar="UNBEND_CONFIG",
+    help="Settings, in TOML.",
 )
 @click.pass_context
 def serve(context: click.Context, /, host: str, port: int, file: Path | None, **_: object) -> None:
@@ -52,7 +59,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     from unbend.library.storage.lease import Lease  # noqa: PLC0415
 
     settings = read_settings(_given(context), file)
-    # In this order: a server that cannot listen touches no library, and a server without the lease changes none.
+    # In this order: a server that cannot listen opens no library, and a server without the lease changes no library.
     stack = contextlib.ExitStack()
     context.call_on_close(stack.close)
     sockets = [stack.enter_context(bound) for bound in bind(host, port)]
@@ -65,20 +72,20 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
         app,
         log_config=log_config(settings.log_format),
         access_log=False,
-        # Named, because uvicorn would use whatever is installed. httptools does not limit the head of a request, and
-        # uvloop stops listening when it runs out of file descriptors.
+        # Explicit, because uvicorn would use the packages that are installed. httptools does not limit the head of a
+        # request, and uvloop stops listening when it runs out of file descriptors.
         http=connection_class(limits),
         backlog=backlog,
         h11_max_incomplete_event_size=HEAD_BYTES,
         loop="asyncio",
         ws="none",
         timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
-        # Callers on this machine could invent addresses in these headers, so only named proxies are trusted.
+        # Callers could forge addresses in these headers, so only the proxies in the settings are trusted.
         proxy_headers=bool(settings.proxies),
         forwarded_allow_ips=settings.proxies,
     )
     prepare_heap()
-    gc.freeze()  # the present objects stay alive: do not scan them again while requests wait
+    gc.freeze()  # the present objects stay alive: exclude them from garbage collections
     gc.set_threshold(_GARBAGE)
     Server(config, app).run(sockets=sockets)
 
@@ -104,7 +111,7 @@ def _given(context: click.Context) -> dict[str, Any]:
 def _fit_file_descriptors(limits: ConnectionLimits) -> tuple[ConnectionLimits, int]:
     """Raise the limit of file descriptors as far as allowed, and reserve a quarter of them for files and workers.
 
-    Returns limits that fit, and the number of connections to accept at a time, because asyncio closes none in between.
+    Return limits that fit, and a backlog: asyncio accepts that many connections at once, and closes none meanwhile.
     """
     try:
         import resource  # noqa: PLC0415

@@ -9,7 +9,7 @@ _FIRST = 18
 
 
 def table(heading: str, columns: Sequence[str], rows: Sequence[tuple[str, Mapping[str, float | None]]]) -> str:
-    """Return lines of text: the name of each row and its values of `columns`, "-" for None."""
+    """Return a table as text. Each row has its name and its values of `columns`, "-" for None."""
     first = max([_FIRST, len(heading) + 2, *(len(name) + 2 for name, _ in rows)])
     lines = [f"{heading:<{first}}" + "".join(f"{column:>{_WIDTH}}" for column in columns)]
     lines += [f"{name:<{first}}" + "".join(_cell(values[column]) for column in columns) for name, values in rows]

@@ -1,4 +1,4 @@
-"""The synchronous and the asynchronous client; they differ in nothing else."""
+"""The synchronous and the asynchronous client, with the same methods."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Job:
 
     @property
     def id(self) -> str:
-        """Its identifier."""
+        """The identifier of the job."""
         return str(self._record["id"])
 
     def status(self) -> Json:
@@ -48,9 +48,9 @@ class Job:
         return self._record
 
     def events(self) -> Iterator[Json]:
-        """Yield the job at each change of state, stage or progress; the last is the ended job.
+        """Yield the job at each change of state, stage or progress; the last item is the ended job.
 
-        It continues after broken connections and restarts of the service, without repeating an event.
+        The events continue after broken connections and restarts of the service, without repetition.
         """
         if self._record["state"] in FINISHED:
             yield self._record
@@ -84,9 +84,11 @@ class Client:
 
     Raises
     ------
+    NotFoundError
+        By every method, if there is no such shape or job.
     ServiceError
-        By every method, if the service refuses the request or cannot be reached. Uploads wait while the service is
-        full.
+        By every method, if the service refuses the request or cannot be reached. While the service is at a limit,
+        requests wait and retry.
 
     Examples
     --------
@@ -113,7 +115,7 @@ class Client:
         self._http.close()
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """Send any request of the HTTP API; while the service is full, wait and retry."""
+        """Send any request of the HTTP API; while the service is at a limit, wait and retry."""
         while True:
             try:
                 response = self._http.request(method, path, **options)
@@ -135,7 +137,7 @@ class Client:
         policy: Mapping[str, Any] | None = None,
         if_known: str | None = None,
     ) -> Job:
-        """Upload a mesh to store it, and return its job, whose `result()` is the shape, at once if it is known.
+        """Upload a mesh to store it, and return its job. `result()` is the shape, at once if it is stored already.
 
         A known shape takes the name, label and metadata if `if_known` is "update"; otherwise it keeps its own, and
         `ignored` names the fields that differ.
@@ -168,8 +170,8 @@ class Client:
         self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
     ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
-        return dict(self.request("POST", "/v1/queries", json=asked).json())
+        body = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
+        return dict(self.request("POST", "/v1/queries", json=body).json())
 
     def shape(self, shape_id: str) -> Json:
         """Return a shape's record."""
@@ -231,7 +233,7 @@ class Client:
         parameters: Mapping[str, Any] | None = None,
         distance: str | None = None,
     ) -> Json:
-        """Return the map of the stored shapes, by `distance` "l1" or "squared_l2"."""
+        """Return the map of the stored shapes; `distance` is "l1" or "squared_l2"."""
         return dict(self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance)).json())
 
     def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
@@ -249,7 +251,7 @@ class AsyncJob:
 
     @property
     def id(self) -> str:
-        """Its identifier."""
+        """The identifier of the job."""
         return str(self._record["id"])
 
     async def status(self) -> Json:
@@ -267,9 +269,9 @@ class AsyncJob:
         return self._record
 
     async def events(self) -> AsyncIterator[Json]:
-        """Yield the job at each change of state, stage or progress; the last is the ended job.
+        """Yield the job at each change of state, stage or progress; the last item is the ended job.
 
-        It continues after broken connections and restarts of the service, without repeating an event.
+        The events continue after broken connections and restarts of the service, without repetition.
         """
         if self._record["state"] in FINISHED:
             yield self._record
@@ -313,7 +315,7 @@ class AsyncClient:
         await self._http.aclose()
 
     async def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """Send any request of the HTTP API; while the service is full, wait and retry."""
+        """Send any request of the HTTP API; while the service is at a limit, wait and retry."""
         while True:
             try:
                 response = await self._http.request(method, path, **options)
@@ -335,7 +337,7 @@ class AsyncClient:
         policy: Mapping[str, Any] | None = None,
         if_known: str | None = None,
     ) -> AsyncJob:
-        """Upload a mesh to store it, and return its job, whose `result()` is the shape, at once if it is known.
+        """Upload a mesh to store it, and return its job. `result()` is the shape, at once if it is stored already.
 
         A known shape takes the name, label and metadata if `if_known` is "update"; otherwise it keeps its own, and
         `ignored` names the fields that differ.
@@ -367,8 +369,8 @@ class AsyncClient:
         self, shape_id: str, *, measure: str | None = None, classifier: str | None = None, k: int = 10
     ) -> Json:
         """Return the ranking for a stored shape."""
-        asked = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
-        return dict((await self.request("POST", "/v1/queries", json=asked)).json())
+        body = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
+        return dict((await self.request("POST", "/v1/queries", json=body)).json())
 
     async def shape(self, shape_id: str) -> Json:
         """Return a shape's record."""
@@ -432,7 +434,7 @@ class AsyncClient:
         parameters: Mapping[str, Any] | None = None,
         distance: str | None = None,
     ) -> Json:
-        """Return the map of the stored shapes, by `distance` "l1" or "squared_l2"."""
+        """Return the map of the stored shapes; `distance` is "l1" or "squared_l2"."""
         return dict(
             (await self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance))).json()
         )

@@ -1,4 +1,4 @@
-"""Reading the events of a job over reconnections, as both clients use it."""
+"""The reading of a job's events over several connections, for both clients."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import httpx
 from unbend.client.protocol import FINISHED, Json, checked, unreachable
 from unbend.errors import ServiceError
 
-_AWAY_SECONDS = 60.0
-"""Longest absence of a service between two events before an error; a restart takes seconds."""
+_MAX_ABSENCE_SECONDS = 60.0
+"""Longest time between two events in which the service may be absent. A restart takes seconds."""
 
-_AWAY_STATUS = frozenset({502, 503, 504})
+_ABSENT_STATUSES = frozenset({502, 503, 504})
 """Statuses of proxies, and of a service that is starting."""
 
 
@@ -26,8 +26,8 @@ class EventReader:
     """Seconds before the next connection, set by the service."""
     _last: str | None = None
     _fields: dict[str, str] = field(default_factory=dict)
-    _away: float = 0.0
-    _met: bool = False
+    _absent_seconds: float = 0.0
+    _has_responded: bool = False
 
     @property
     def headers(self) -> dict[str, str]:
@@ -36,7 +36,7 @@ class EventReader:
         return headers if self._last is None else headers | {"Last-Event-ID": self._last}
 
     def opened(self, response: httpx.Response) -> bool:
-        """Return whether a response has events. Error responses must be read completely before.
+        """Return whether a response has events. Read the body of an error response before this call.
 
         Raises
         ------
@@ -44,15 +44,15 @@ class EventReader:
             If the error is permanent.
         """
         self._fields = {}
-        if response.status_code in _AWAY_STATUS:
+        if response.status_code in _ABSENT_STATUSES:
             return False
         checked(response)
-        self._met = True
+        self._has_responded = True
         self.done = response.status_code == httpx.codes.NO_CONTENT
         return not self.done
 
     def feed(self, line: str) -> Json | None:
-        """Process a line; return the job of the event that it completes, if it does."""
+        """Process a line; return the job of the event if the line completes one."""
         if line:
             name, _, value = line.partition(":")
             self._fields[name] = value.removeprefix(" ")
@@ -63,7 +63,7 @@ class EventReader:
         if "data" not in fields:
             return None
         self._last = fields.get("id", self._last)
-        self._away = 0.0
+        self._absent_seconds = 0.0
         job: Json = json.loads(fields["data"])
         self.done = job["state"] in FINISHED
         return job
@@ -76,7 +76,7 @@ class EventReader:
         ServiceError
             If the service never responded, or has been absent for too long.
         """
-        self._away += self.pause
-        if not self._met or self._away > _AWAY_SECONDS:
-            raise unreachable(error or ServiceError("it ends the events before the job does"))
+        self._absent_seconds += self.pause
+        if not self._has_responded or self._absent_seconds > _MAX_ABSENCE_SECONDS:
+            raise unreachable(error or ServiceError("the events ended before the job"))
         return self.pause

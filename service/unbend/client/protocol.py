@@ -1,4 +1,4 @@
-"""Requests and responses of the HTTP API, as both clients use them."""
+"""Requests and responses of the HTTP API, for both clients."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ POLL_SECONDS: Final = 30.0
 FINISHED: Final = frozenset({"succeeded", "failed", "cancelled"})
 
 IN_PLACE: Final = {"Prefer": f"wait={POLL_SECONDS:.0f}"}
-"""Asks for the ranking of a query in the response itself, if it is ready in time."""
+"""Header that requests the ranking of a query in the response itself, if the ranking is ready in time."""
 
 _JOB_ERRORS: Final[dict[str, type[UnbendError]]] = {
     kind.code: kind for base in (MeshError, ParameterError, StoreError, JobError) for kind in subclasses(base)
@@ -61,12 +61,12 @@ class MeshFile:
             return cls(source, "unnamed")
         path = Path(source)
         name, title = printable(path.name), printable(path.stem)[:MAX_TEXT]
-        return cls(path.read_bytes(), name, title if "\\" in name else None)  # servers take \ as the end of a folder
+        return cls(path.read_bytes(), name, title if "\\" in name else None)  # servers read \ as a path separator
 
 
 @dataclass(frozen=True)
 class Details:
-    """The description of an uploaded shape; None is not sent."""
+    """The description of an uploaded shape; fields that are None are not sent."""
 
     name: str | None = None
     label: str | None = None
@@ -77,13 +77,13 @@ class Details:
 
 
 def upload_content(mesh: MeshFile, details: Details) -> Content:
-    """Return the form of an upload."""
+    """Return the multipart form of an upload."""
     return _content(mesh, vars(details) | {"name": details.name or mesh.title})
 
 
 @dataclass(frozen=True)
 class QueryOptions:
-    """The options of a query; None is left to the service."""
+    """The options of a query; fields that are None have the service's defaults."""
 
     measure: str | None
     classifier: str | None
@@ -93,7 +93,7 @@ class QueryOptions:
 def query_content(
     mesh: MeshFile, options: QueryOptions, parameters: Mapping[str, Any] | None, policy: Mapping[str, Any] | None
 ) -> Content:
-    """Return the form of a query by file."""
+    """Return the multipart form of a query by file."""
     return _content(mesh, vars(options) | {"parameters": parameters, "policy": policy})
 
 
@@ -114,8 +114,8 @@ def shape_query(shape_id: str, options: QueryOptions) -> Json:
 def overview(measure: str | None, parameters: Mapping[str, Any] | None, distance: str | None = None) -> dict[str, str]:
     """Return the parameters of a map or an evaluation."""
     text = None if parameters is None else json.dumps(dict(parameters))
-    asked = {"measure": measure, "parameters": text, "distance": distance}
-    return {name: value for name, value in asked.items() if value is not None}
+    given = {"measure": measure, "parameters": text, "distance": distance}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def page(label: str | None, cursor: str | None) -> dict[str, str]:
@@ -155,7 +155,7 @@ def headers(api_key: str | None) -> dict[str, str]:
 
 
 def checked(response: httpx.Response) -> httpx.Response:
-    """Return a successful response; raise the error of any other.
+    """Return a successful response; raise an error for any other response.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def retry_after(response: httpx.Response) -> float | None:
 
 
 def outcome(job: Json) -> Json:
-    """Return a job that succeeded; raise the error of any other."""
+    """Return a job that succeeded; raise the error of any other job."""
     if job["state"] == "succeeded":
         return job
     error = job.get("error") or {"code": "job_failed", "message": f"the job was {job['state']}"}

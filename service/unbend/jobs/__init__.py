@@ -1,4 +1,4 @@
-"""Jobs: a durable queue, a pool of worker processes, progress and cancellation."""
+"""Running of a library's jobs: a dispatcher, a pool of worker processes, progress and cancellation."""
 
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import JobObserver

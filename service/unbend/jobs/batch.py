@@ -1,4 +1,4 @@
-"""Signatures of many files on all cores, without a queue or a store: for the command line."""
+"""Computation of many files on all cores, without a queue or a store, for the command line."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def dimensions_of_path(path: Path, parameters: Parameters, policy: MeshPolicy | 
 def compute_paths(
     paths: Sequence[Path], parameters: Parameters, policy: MeshPolicy | None = None
 ) -> Iterator[Signature | UnbendError]:
-    """Yield, for each path in order, its signature or the error that prevents it."""
+    """Yield the signature of each path, or its error, in the order of the paths."""
     return compute_each(compute_path, paths, parameters, policy)
 
 
@@ -48,9 +48,9 @@ def compute_each(
     parameters: Parameters,
     policy: MeshPolicy | None = None,
 ) -> Iterator[T | UnbendError]:
-    """Yield, for each path in order, the result of `compute` or the error that prevents it.
+    """Yield the result of `compute` for each path, or its error, in the order of the paths.
 
-    Each core has a process; one that dies loses only its own file.
+    Each core has a process. If a process dies, only its file fails.
     """
     count = min(available_cores(), max(1, len(paths)))
     free: SimpleQueue[WorkerProcess] = SimpleQueue()

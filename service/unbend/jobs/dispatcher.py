@@ -32,11 +32,11 @@ _POLL_SECONDS: Final = 5.0
 _FILES_KEPT: Final = timedelta(days=1)
 _HISTORY_SECONDS: Final = 60.0
 _STOPPING_SECONDS: Final = 3.0
-"""Time for which a stopping server retries a failing store. The next server recovers what was not written."""
+"""Time for which a stopping server retries a failing store. The next server recovers jobs whose end was not written."""
 
 
 class Dispatcher:
-    """Runs queued jobs, as many at a time as keep the workers busy. Used within one event loop."""
+    """Runs queued jobs, enough at a time to keep every worker busy. Used within one event loop."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class Dispatcher:
         self._limits = limits
         self._observer = observer
         self._subscriptions = subscriptions
-        # Twice as many jobs as workers are claimed, so that no worker waits for the store.
+        # Claim twice as many jobs as there are workers, so that no worker waits for the store.
         self._slots = asyncio.Semaphore(2 * pool.size)
         self._wake = asyncio.Event()
         self._running: dict[str, asyncio.Task[None]] = {}
@@ -63,7 +63,7 @@ class Dispatcher:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def start(self) -> None:
-        """Recover the jobs of an earlier server, and begin."""
+        """Recover the jobs of an earlier server, and start to claim jobs."""
         self._loop = asyncio.get_running_loop()
         lost = describe(WorkerLostError("the process that ran the job died"))
         for job in await self._retry(partial(self._jobs.recover, self._limits.restarts, lost)):
@@ -89,7 +89,7 @@ class Dispatcher:
             await self._retry(self._jobs.requeue_all)  # includes a job whose claim was interrupted
 
     async def _drain(self) -> None:
-        """Wait until the running jobs have ended, the time is over, or `stop_now` is called."""
+        """Wait until the running jobs have ended, `limits.drain_seconds` are over, or `stop_now` is called."""
         if not self._running:
             return
         waits = [asyncio.create_task(self._stop_now.wait()), asyncio.create_task(_wait_all(self._running.values()))]
@@ -114,7 +114,7 @@ class Dispatcher:
         return len(self._running)
 
     def wake(self) -> None:
-        """Have the dispatcher look at the queue."""
+        """Make the dispatcher check the queue."""
         self._wake.set()
 
     def kill(self, job_id: str) -> None:
@@ -123,7 +123,7 @@ class Dispatcher:
             task.cancel()
 
     def announce_end(self, job: JobRecord) -> None:
-        """Tell the log, the observer and the subscribers that a job has ended."""
+        """Log the end of a job, and notify the observer and the subscribers."""
         if job.error:
             logger.info("%s job %s: %s: %s", job.kind, job.state, job.error["code"], job.error["message"])
         else:
@@ -141,9 +141,9 @@ class Dispatcher:
         return count
 
     async def _trim_history(self) -> None:
-        """Delete the ended jobs beyond the limits, every minute."""
+        """Delete ended jobs beyond the limits, and old files of jobs, every minute."""
         while True:
-            with contextlib.suppress(StoreError):  # tried again after a minute
+            with contextlib.suppress(StoreError):  # retried after a minute
                 await self.delete_ended(keep=self._limits.history)
                 await asyncio.wrap_future(self._jobs.delete_files(datetime.now(UTC) - _FILES_KEPT))
                 if self._limits.history_days:
@@ -166,12 +166,12 @@ class Dispatcher:
             task.add_done_callback(partial(self._release, job.id))
 
     async def _wait_for_jobs(self) -> None:
-        """Wait until the queue may have jobs. It is polled too, because a restored backup may add some."""
+        """Wait until the queue has jobs. Besides `wake`, poll the queue, because a restored backup may add jobs."""
         while not self._wake.is_set():
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_POLL_SECONDS):
                     await self._wake.wait()
-            with contextlib.suppress(StoreError):  # a failing store is no reason to claim
+            with contextlib.suppress(StoreError):  # wait on while the store fails
                 if await self._jobs.count_queued():
                     return
 
@@ -182,22 +182,24 @@ class Dispatcher:
             try:
                 self._library.disk.admit_result()
             except StoreFullError as error:
-                if not is_logged:  # once, because the log may be on the same disk
-                    logger.error("no job starts: %s", error)  # noqa: TRY400  the message says enough
+                if not is_logged:  # log only once, because the log may be on the same disk
+                    logger.error("no job starts: %s", error)  # noqa: TRY400  no traceback
                 is_logged = True
                 await asyncio.sleep(_RETRY_SECONDS)
             except StoreError:
-                return  # the next write meets the error
+                return  # the next write raises the error
             else:
                 return
 
     async def _requeue_unknown(self) -> None:
-        """Requeue jobs that are running in the store but not here: only this server runs the library's jobs."""
+        """Requeue jobs that run in the store but not in this server, which alone runs the library's jobs."""
         known = set(self._running)
         with contextlib.suppress(StoreError):
             for job in await self._jobs.running():
                 if job.id not in known:
-                    logger.warning("job %s is running in the store but not here; it is requeued", job.id)
+                    logger.warning(
+                        "job %s is marked as running, but this server does not run it; it is requeued", job.id
+                    )
                     await self._retry(partial(self._jobs.requeue, job.id, "stopped"))
                     self.wake()
 
@@ -209,7 +211,7 @@ class Dispatcher:
 
     async def _run(self, job: JobRecord) -> None:
         CURRENT_JOB.set(job.id)
-        logger.info("%s job begun, attempt %d", job.kind, job.attempts)
+        logger.info("%s job started, attempt %d", job.kind, job.attempts)
         self._observer.begun(job)
         self._subscriptions.notify_state(job.id)
         try:
@@ -228,7 +230,7 @@ class Dispatcher:
             self.announce_end(ended)
 
     async def _complete(self, job: JobRecord) -> JobRecord | None:
-        """Compute a job and store its result; None if it ended in another way meanwhile."""
+        """Compute a job and store its result; None if the job was cancelled or requeued meanwhile."""
         mesh = StoredMesh(self._library.url, job.mesh_sha256 or "", job.file_type, job.policy, self._limits.mesh)
         match job.request:
             case QueryRequest():
@@ -242,7 +244,7 @@ class Dispatcher:
 
     async def _complete_shape(self, job: JobRecord, mesh: StoredMesh) -> JobRecord | None:
         key = UploadKey.of(mesh.sha256, job.parameters, job.policy)
-        if await self._jobs.is_known(key):  # an equal job computed it meanwhile
+        if await self._jobs.is_known(key):  # an equal job has stored the shape
             return await self._retry(partial(self._jobs.complete_known, job, key))
         outcome = await self._compute(job, compute_shape, mesh, job.parameters)
         self._observer.computed(outcome.seconds)
@@ -263,7 +265,7 @@ class Dispatcher:
         return await self._retry(partial(self._jobs.fail, job.id, described, reached))
 
     async def _retry(self, write: Callable[[], Future[T]]) -> T:
-        """Write until the store succeeds: neither a claim nor a result may be lost because the store fails."""
+        """Retry a write while the store fails, so that no claim and no result is lost; a stopping server gives up."""
         deadline = math.inf
         while True:
             try:

@@ -1,4 +1,4 @@
-"""Errors of failed jobs: a code, a message and advice, without internals."""
+"""Errors of failed jobs as a code, a message and advice, without internal details."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ logger = logging.getLogger("unbend.jobs")
 
 
 def typed_error(error: BaseException) -> UnbendError:
-    """Return the UnbendError that stands for any error of a worker."""
+    """Return an error of a worker as an UnbendError; log an unexpected error."""
     if isinstance(error, UnbendError):
         return error
     if isinstance(error, MemoryError):
         return JobMemoryError("the mesh needs more memory than a job may use")
     logger.error("a job failed with an unexpected error", exc_info=error)
-    return JobError("the job failed because of a fault in unbend, not in the mesh")
+    return JobError("the job failed because of a bug in unbend, not because of the mesh")
 
 
 def describe(error: UnbendError) -> dict[str, object]:

@@ -17,10 +17,10 @@ from unbend.mesh.limits import MeshLimits
 MESH_LIMITS: Final = MeshLimits(vertices=2_000_000, faces=4_000_000)
 
 _NICE: Final = 5
-"""Niceness of workers: the server must respond while all cores compute."""
+"""Niceness of workers, so that the server responds while all cores compute."""
 
 _OOM_SCORE: Final = "500"
-"""Score for the system's out-of-memory killer: it must kill a worker before the server."""
+"""Score for the system's out-of-memory killer, so that it kills a worker before the server."""
 
 
 @dataclass(frozen=True)
@@ -28,27 +28,27 @@ class JobLimits:
     """Limits on jobs and the queue."""
 
     seconds: float = 600.0
-    """Time of a job."""
+    """Longest time of a job."""
     memory_mb: int | None = 8192
     """Address space of a worker, in megabytes; None for no limit."""
     queued: int = 10_000
-    """Queued jobs."""
+    """Most queued jobs."""
     attempts: int = 2
-    """Attempts at a job whose process dies."""
+    """Most attempts at a job whose process dies."""
     restarts: int = 10
-    """Restarts of a job whose server dies. Few jobs kill a server, but some may."""
+    """Most restarts of a job whose server dies, because a job may be what kills the server."""
     drain_seconds: float = 20.0
-    """Time that a stopping server gives running jobs."""
+    """Longest time for which a stopping server waits for running jobs."""
     call_seconds: float = 60.0
-    """Time of a call without the queue, including its wait."""
+    """Longest time of a call without the queue, including its wait."""
     calls: int = 32
-    """Waiting and running calls in a lane."""
+    """Most waiting and running calls in a lane."""
     mesh: MeshLimits = MESH_LIMITS
-    """Vertices and faces of a mesh."""
+    """Most vertices and faces of a mesh."""
     history: int = 100_000
-    """Stored jobs that have ended."""
+    """Most stored jobs that have ended."""
     history_days: float = 0.0
-    """Days that an ended job is stored; 0 for no limit."""
+    """Most days for which an ended job is stored; 0 for no limit."""
 
 
 def limit_process(memory_bytes: int | None) -> None:

@@ -1,4 +1,4 @@
-"""Observers of jobs: the interface of metrics and traces."""
+"""Observers of jobs, such as metrics and traces."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Final, Protocol
 from unbend.library.records import JobRecord
 
 CURRENT_JOB: Final[ContextVar[str | None]] = ContextVar("unbend job", default=None)
-"""The id of the job that log lines of this task are about."""
+"""The id of the job of the present task, for its log lines."""
 
 
 class JobObserver(Protocol):
-    """Observes jobs. Any thread may call it, so it must be thread-safe, and fast."""
+    """An observer of jobs. Any thread may call its methods, so they must be thread-safe, and fast."""
 
     def submitted(self, job: JobRecord) -> None:
         """Observe a new job that is on disk and cannot have started, in the context of its request."""
@@ -29,19 +29,19 @@ class JobObserver(Protocol):
 
 
 class NoObserver:
-    """Ignores everything; a base for observers of some events."""
+    """An observer that ignores every event; a base class of observers of some events."""
 
     def submitted(self, job: JobRecord) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def begun(self, job: JobRecord) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def ended(self, job: JobRecord) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def computed(self, seconds: Mapping[str, float]) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
 
 class Observers:

@@ -1,4 +1,4 @@
-"""The pool of worker processes: each limited, and replaced when it dies."""
+"""The pool of worker processes. Each process has limits, and is replaced when it dies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _START_ATTEMPTS: Final = 3
 
 
 class WorkerPool:
-    """Worker processes; one that dies loses only its own task. Used within one event loop.
+    """Worker processes. A process that dies loses only its own task. Used within one event loop.
 
     Parameters
     ----------
@@ -64,23 +64,23 @@ class WorkerPool:
         seconds: float,
         listener: Listener | None = None,
     ) -> T:
-        """Run `function` in a process when one is free; cancelling this kills the process.
+        """Run `function` in the next free process; cancelling this call kills the process.
 
         Parameters
         ----------
         function, arguments
             Pickled, as is the result.
         seconds : float
-            Longest time of the run, from the moment that its process is ready.
+            Longest time of the run, measured from when the process has accepted the function.
         listener : callable, optional
             Called, in a thread, with each message that the function sends.
 
         Raises
         ------
         JobTimeoutError
-            If it ran longer than `seconds`; its process is killed.
+            If the function ran longer than `seconds`; its process is killed.
         WorkerLostError
-            If its process died.
+            If the process died.
         Exception
             Whatever the function raises.
         """
@@ -89,12 +89,12 @@ class WorkerPool:
         loop = asyncio.get_running_loop()
         deadline = _Deadline(worker, seconds)
 
-        def begun() -> None:
+        def accepted() -> None:
             loop.call_soon_threadsafe(deadline.begin)
 
-        running = loop.run_in_executor(self._threads, worker.run, function, arguments, listener, begun)
+        running = loop.run_in_executor(self._threads, worker.run, function, arguments, listener, accepted)
         running.add_done_callback(deadline.end)
-        # Only when its thread has finished, even if the caller no longer waits.
+        # The worker is free again only when its thread has finished, even if the caller no longer waits.
         running.add_done_callback(partial(self._release, worker))
         try:
             return await asyncio.shield(running)
@@ -144,4 +144,4 @@ class _Deadline:
 
 
 def _do_nothing() -> None:
-    """Do nothing: returns as soon as the process is ready."""
+    """Do nothing: the call returns as soon as the process is ready."""

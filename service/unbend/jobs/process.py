@@ -1,7 +1,7 @@
-"""A worker process that runs one function at a time, and can be killed at any moment without harm to others.
+"""A worker process that runs one function at a time, and can be killed at any moment without harm to other workers.
 
-It shares no pipe and no lock with other workers. In pools that share them, a process that is killed while it holds a
-lock, or in the middle of a message, leaves the others waiting for ever (docs/decisions.md).
+Workers share no pipe and no lock. In pools that share them, a process that is killed while it has a lock, or in the
+middle of a message, blocks all other workers for ever (docs/decisions.md).
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ T = TypeVar("T")
 Listener = Callable[[Any], None]
 
 _CONTEXT: Final = multiprocessing.get_context("spawn")  # the server has threads, so it must not be forked
-_STARTING: Final = threading.Lock()
-"""Starts processes one at a time, because the tables that multiprocessing keeps of its children are not thread-safe."""
+_START_LOCK: Final = threading.Lock()
+"""Held while a process starts, because multiprocessing's tables of child processes are not thread-safe."""
 
 _END_SECONDS: Final = 10.0
 
-_ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals that a worker ignores, because the server ends its workers."""
+_STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that a worker ignores. The server ends its workers itself, once their jobs are done."""
 
 
 _ATTEMPTS: Final = 3
@@ -48,7 +48,7 @@ class _Starting:
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _Accepted:
     pass
 
 
@@ -69,7 +69,7 @@ class _Message:
 
 @dataclass(frozen=True)
 class _Child:
-    """A process and our end of its pipe."""
+    """A process, and the parent's end of its pipe."""
 
     process: SpawnProcess
     pipe: Connection
@@ -82,7 +82,7 @@ class _Child:
 
 
 class WorkerProcess:
-    """A process that starts when first needed, and is replaced when it dies.
+    """A process that starts when it is first needed, and is replaced when it dies.
 
     Only one thread may call `run` at a time; any thread may call `kill`.
 
@@ -91,9 +91,9 @@ class WorkerProcess:
     initialise : callable
         Called in the process before anything else.
     silent_seconds : float, default 60
-        A starting process sends a heartbeat every second. It is replaced after this time without one.
+        A starting process sends a heartbeat every second. It is replaced after this time without a heartbeat.
     answer_seconds : float, default 10
-        A process that does not accept a function within this time is replaced.
+        A ready process that does not accept a function within this time is replaced.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class WorkerProcess:
         function: Callable[..., T],
         arguments: tuple[object, ...],
         listener: Listener | None = None,
-        begun: Callable[[], None] | None = None,
+        accepted: Callable[[], None] | None = None,
     ) -> T:
         """Run a function in the process.
 
@@ -127,8 +127,8 @@ class WorkerProcess:
             Pickled, as is the result.
         listener : callable, optional
             Called with each message that the function sends.
-        begun : callable, optional
-            Called when the process has begun.
+        accepted : callable, optional
+            Called when the process has accepted the function.
 
         Raises
         ------
@@ -137,9 +137,9 @@ class WorkerProcess:
         Exception
             Whatever the function raises.
         """
-        child = self._given(function, arguments)
-        if begun:
-            begun()
+        child = self._start_function(function, arguments)
+        if accepted:
+            accepted()
         try:
             while isinstance(message := child.pipe.recv(), _Message):
                 if listener:
@@ -153,14 +153,14 @@ class WorkerProcess:
         return result
 
     def kill(self) -> None:
-        """Make the present or next `run` raise; a process that runs a function is killed."""
+        """Make the present or next `run` raise, and kill the process unless it is still starting."""
         with self._guard:
             self._killed = True
             if self._child and self._is_ready:
                 self._child.process.kill()
 
     def end(self) -> None:
-        """End the process for good."""
+        """Kill the process, and start no other."""
         with self._guard:
             self._killed = self._ended = True
             if self._child:
@@ -168,14 +168,14 @@ class WorkerProcess:
         if self._child:
             self._child.process.join(_END_SECONDS)
 
-    def _given(self, function: Callable[..., T], arguments: tuple[object, ...]) -> _Child:
-        """Return a process that has begun the function."""
-        for _ in range(_ATTEMPTS):  # a process that died or hung while idle costs the job nothing
-            child = self._child if self._child and self._child.process.is_alive() else self._begin()
+    def _start_function(self, function: Callable[..., T], arguments: tuple[object, ...]) -> _Child:
+        """Return a process that has accepted the function."""
+        for _ in range(_ATTEMPTS):  # replacing a process that died or hung while idle is not an attempt at the job
+            child = self._child if self._child and self._child.process.is_alive() else self._start_process()
             try:
                 self._await_ready(child)
                 if not self._killed:
-                    self._hand_over(child, function, arguments)
+                    self._send_function(child, function, arguments)
                     return child
             except (EOFError, OSError):
                 self._replace(child)
@@ -189,8 +189,8 @@ class WorkerProcess:
                 raise EOFError
             self._is_ready = child.pipe.recv() is None
 
-    def _hand_over(self, child: _Child, function: Callable[..., T], arguments: tuple[object, ...]) -> None:
-        """Send a process its function, and wait until it has begun: from then on its death is a failed attempt."""
+    def _send_function(self, child: _Child, function: Callable[..., T], arguments: tuple[object, ...]) -> None:
+        """Send a function, and wait until the process accepts it: from then on, its death is a failed attempt."""
         alarm = threading.Timer(self._answer_seconds, child.process.kill)
         alarm.daemon = True
         alarm.start()
@@ -200,22 +200,22 @@ class WorkerProcess:
         finally:
             alarm.cancel()
 
-    def _begin(self) -> _Child:
+    def _start_process(self) -> _Child:
         ours, theirs = _CONTEXT.Pipe()
-        with _STARTING, self._guard:
+        with _START_LOCK, self._guard:
             if self._ended:
                 raise WorkerLostError("the pool was stopped")
             process = _CONTEXT.Process(target=_serve, args=(theirs, self._initialise), daemon=True)
             with _signals_blocked():
                 process.start()
             self._child, self._is_ready = _Child(process, ours), False
-        theirs.close()  # so that the pipe closes when the process ends
+        theirs.close()  # the pipe then closes when the process ends
         return self._child
 
     def _replace(self, child: _Child) -> None:
         child.discard()
         if not self._ended:
-            self._begin()  # at once, so that it is ready before the next job
+            self._start_process()  # at once, so that it is ready before the next job
 
 
 _ALL: Final[weakref.WeakSet[WorkerProcess]] = weakref.WeakSet()
@@ -223,15 +223,15 @@ _ALL: Final[weakref.WeakSet[WorkerProcess]] = weakref.WeakSet()
 
 @atexit.register
 def _end_all() -> None:
-    """Kill the remaining workers: multiprocessing would send SIGTERM, which they ignore, and wait."""
+    """Kill the remaining workers. multiprocessing would send SIGTERM, which workers ignore, and wait for them."""
     for worker in list(_ALL):
         worker.end()
 
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Block the ending signals in this thread, and in processes that it starts meanwhile."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    """Block `_STOP_SIGNALS` in this thread, and in processes that it starts meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
     try:
         yield
     finally:
@@ -242,18 +242,18 @@ _PIPE: Connection | None = None
 
 
 def send_message(content: object) -> None:
-    """Send a message to the listener of the function that runs in this process, if this is a worker."""
+    """Send a message to the listener of the function that runs in this process; do nothing outside workers."""
     if _PIPE is not None:
         _PIPE.send(_Message(content))
 
 
 def _serve(pipe: Connection, initialise: Callable[[], None]) -> None:
-    """Run the functions that come through the pipe, until it closes."""
+    """Run the functions that arrive through the pipe, until the pipe closes."""
     global _PIPE  # noqa: PLW0603
-    # The system sends these to the whole process group. The server ends its workers once their jobs are done.
-    for number in _ENDING:
+    # A terminal sends these signals to the whole process group, so workers receive them too.
+    for number in _STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOP_SIGNALS)
     watch = _Watch(pipe)
     initialise()
     watch.report_ready()
@@ -263,14 +263,14 @@ def _serve(pipe: Connection, initialise: Callable[[], None]) -> None:
             function, arguments = pipe.recv()
         except EOFError:
             return
-        pipe.send(_Begun())
+        pipe.send(_Accepted())
         _send(pipe, _outcome(function, arguments))
 
 
 class _Watch:
-    """A thread of a worker that sends heartbeats until it is ready, and exits the process when its parent ends.
+    """A thread of a worker that sends heartbeats until the worker is ready, and exits the process when its parent ends.
 
-    Loading kernels takes seconds, compiling them minutes. Without a parent nobody wants the result.
+    Loading kernels takes seconds, compiling them minutes. Without a parent, nobody receives the result.
     """
 
     def __init__(self, pipe: Connection) -> None:
@@ -286,7 +286,7 @@ class _Watch:
 
     def _run(self) -> None:
         while not self._is_ready.wait(_HEARTBEAT_SECONDS):
-            with self._lock, contextlib.suppress(OSError):  # the parent has ended
+            with self._lock, contextlib.suppress(OSError):  # the parent has ended, and the pipe is closed
                 if not self._is_ready.is_set():
                     self._pipe.send(_Starting())
         parent = multiprocessing.parent_process()
@@ -298,8 +298,8 @@ class _Watch:
 def _outcome(function: Callable[..., Any], arguments: tuple[object, ...]) -> _Done | _Raised:
     try:
         return _Done(function(*arguments))
-    except Exception as error:  # noqa: BLE001  it is raised in the process that asked
-        # Tracebacks cannot be pickled; as a note, this one is logged with the error.
+    except Exception as error:  # noqa: BLE001  the parent raises it
+        # Tracebacks cannot be pickled. As a note, the traceback is logged with the error.
         error.add_note("".join(traceback.format_exception(error)))
         return _Raised(error)
 
@@ -309,9 +309,8 @@ def _send(pipe: Connection, outcome: _Done | _Raised) -> None:
     try:
         data = ForkingPickler.dumps(outcome)
         if isinstance(outcome, _Raised):
-            ForkingPickler.loads(
-                data
-            )  # some exceptions pickle but do not unpickle, because their constructors take other arguments
+            # Some exceptions pickle but do not unpickle, because their constructors take other arguments.
+            ForkingPickler.loads(data)
     except Exception as error:  # noqa: BLE001  the parent waits for an outcome in any case
         what = outcome.error if isinstance(outcome, _Raised) else outcome.result
         data = ForkingPickler.dumps(_Raised(TypeError(f"{type(what).__name__} cannot be sent: {error}: {what!r:.500}")))

@@ -1,4 +1,4 @@
-"""Progress reports from the worker that computes a job, and the time of each stage."""
+"""Progress reports of a job from its worker, and the time of each stage."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from unbend.jobs.process import send_message
 from unbend.progress import Progress, Stage
 
 _NEW_STAGE_SECONDS: Final = 0.02
-"""Shortest time between two reports if the stage is new: stages that are over sooner are not reported."""
+"""Shortest time between two reports of different stages. A stage that ends sooner is not reported."""
 _SAME_STAGE_SECONDS: Final = 0.05
-"""Shortest time between two reports of a stage: more would only cost the server time."""
+"""Shortest time between two reports of one stage. More reports would only cost the server time."""
 _HEARTBEAT_SECONDS: Final = 1.0
-"""Time without a report after which the last one is sent again."""
+"""Time without a report after which the last report is sent again."""
 
 
 class ProgressReporter:
     """Sends a worker's progress to the server, and measures the time of each stage.
 
-    A stage that reports nothing still sends a heartbeat every second with its time so far, so that a job that computes
-    can be told from one that hangs.
+    While a stage reports nothing, the last report is sent again every second with the time so far, so that a client can
+    distinguish a long stage from a lost worker.
     """
 
     def __init__(self) -> None:
@@ -41,11 +41,11 @@ class ProgressReporter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        with self._lock:  # the process then belongs to the next job
+        with self._lock:  # no report may follow: the process then runs another job
             self._ended.set()
 
     def report(self, progress: Progress) -> None:
-        """Take note of progress, and send it unless the last report is recent; the first of a stage ends the last."""
+        """Record progress, and send it unless the last report is recent. A new stage ends the stage before."""
         now = time.perf_counter()
         is_new = self._last is None or progress.stage != self._last.stage
         if is_new:
@@ -63,7 +63,7 @@ class ProgressReporter:
                 send_message(replace(self._last, detail={**self._last.detail, "seconds": seconds}))
 
     def seconds(self) -> dict[str, float]:
-        """End the last stage, and return the seconds of each."""
+        """End the last stage, and return the seconds of each stage."""
         self._end_stage(time.perf_counter())
         return dict(self._seconds)
 

@@ -63,15 +63,15 @@ class JobRunner:
         self._jobs = library.jobs
         self._subscriptions = Subscriptions()
         self._pool = WorkerPool(workers, self.limits.memory_mb)
-        # Separate processes for calls: readers do not wait for jobs, and short calls do not wait for long ones. Each
-        # process starts when first needed.
+        # Separate processes for calls: calls do not wait for jobs, and short calls do not wait for long calls. Each
+        # process starts when it is first needed.
         self._lanes = {lane: _Lane(WorkerPool(1, self.limits.memory_mb)) for lane in get_args(Lane)}
         self._observer: JobObserver = observer or NoObserver()
         self._dispatcher = Dispatcher(library, self._pool, self.limits, self._observer, self._subscriptions)
         self._warming: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
-        """Recover the jobs of an earlier server, begin, and warm up the workers meanwhile."""
+        """Recover the jobs of an earlier server, start to claim jobs, and warm up the workers meanwhile."""
         self._subscriptions.open()
         self._warming = asyncio.create_task(self._pool.start(), name="unbend warm-up")
         await self._dispatcher.start()
@@ -91,7 +91,7 @@ class JobRunner:
         self._dispatcher.stop_now()
 
     def end_waits(self) -> None:
-        """Answer every `wait` and `follow` with the job as it is; safe in a signal handler."""
+        """End every `wait` and `follow` with the job's present state; safe in a signal handler."""
         self._subscriptions.close_soon()
 
     @property
@@ -103,7 +103,7 @@ class JobRunner:
 
     @property
     def ready(self) -> bool:
-        """Whether the workers have loaded their kernels."""
+        """Whether the dispatcher runs, and every worker has started and loaded its kernels."""
         return self.alive and self._warming is not None and self._warming.done()
 
     @property
@@ -114,7 +114,7 @@ class JobRunner:
     async def submit_shape(
         self, upload: Upload, request: ShapeRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
     ) -> JobRecord | KnownShape:
-        """Queue an upload; or return the shape that is stored already, or the job of the repeated request.
+        """Queue an upload; or return the shape if it is stored already, or the earlier job of a repeated request.
 
         Parameters
         ----------
@@ -129,21 +129,23 @@ class JobRunner:
         QueueFullError
             If `limits.queued` jobs wait already.
         QuotaError
-            If the sender has `most_owned` jobs already.
+            If the sender has `most_owned` queued and running jobs already.
         IdempotencyError
-            If the sender sent another request with this idempotency key.
+            If the sender sent a different request with this idempotency key.
         """
         return await self._submitted(self._jobs.submit_shape(upload, request, sender, self._queue_limits(most_owned)))
 
     async def submit_query(
         self, upload: Upload, request: QueryRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
     ) -> JobRecord:
-        """Queue a query; or return the job of the repeated request. Arguments and errors as of `submit_shape`."""
+        """Queue a query, or return the earlier job of a repeated request; arguments and errors as in `submit_shape`."""
         return await self._submitted(self._jobs.submit_query(upload, request, sender, self._queue_limits(most_owned)))
 
-    async def submit_file(self, shape: ShapeRecord, request: FileRequest, sender: Sender = ANONYMOUS) -> JobRecord:
-        """Queue the making of a file of a stored shape; `file` returns it once the job has succeeded."""
-        return await self._submitted(self._jobs.submit_file(shape, request, sender, self._queue_limits()))
+    async def submit_file(
+        self, shape: ShapeRecord, request: FileRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
+    ) -> JobRecord:
+        """Queue a job that makes a file of a stored shape; `file` returns the file once the job has succeeded."""
+        return await self._submitted(self._jobs.submit_file(shape, request, sender, self._queue_limits(most_owned)))
 
     async def status(self, job_id: str) -> JobRecord:
         """Return a job with its live progress; NotFoundError if there is none of this id."""
@@ -159,26 +161,26 @@ class JobRunner:
         return await self._jobs.count_queued()
 
     async def position(self, job: JobRecord) -> int | None:
-        """Return the number of jobs that start before a queued one; None if it is not queued."""
+        """Return the number of jobs that start before a queued job; None if the job is not queued."""
         return await self._jobs.position(job)
 
     async def wait(self, job_id: str, seconds: float) -> JobRecord:
-        """Return a job when it has ended, or its present state after `seconds`."""
+        """Return a job when it has ended, or after `seconds` in its present state."""
         end = asyncio.get_running_loop().time() + seconds
         with self._subscriptions.subscribe(job_id) as subscription:
             while True:
                 subscription.clear()
-                job = await self.status(job_id)  # also after the last wait, so that the result is not out of date
+                job = await self.status(job_id)  # read again after the last wait, so that the state is current
                 left = end - asyncio.get_running_loop().time()
                 if job.finished or self._subscriptions.closed or left <= 0:
                     return job
                 await subscription.wait_for_state(left)
 
     async def follow(self, job_id: str) -> AsyncIterator[JobRecord]:
-        """Yield a job at each change of state, and at each progress, but for that at most four times a second.
+        """Yield a job at each change of state, and with new progress at most four times a second.
 
-        Without progress it is repeated every few seconds. The last item is the ended job, or, when the server stops,
-        its present state.
+        Without progress, the job is repeated every few seconds. The last item is the ended job, or, when the server
+        stops, the job in its present state.
 
         Raises
         ------
@@ -232,19 +234,19 @@ class JobRunner:
         Raises
         ------
         QueueFullError
-            If `limits.calls` calls wait in this lane already.
+            If `limits.calls` calls wait or run in this lane already.
         UnbendError
             As raised by the function; CallTimeoutError after `limits.call_seconds`.
         """
         chosen = self._lanes[lane]
         if chosen.calls >= self.limits.calls:
-            raise QueueFullError(f"{chosen.calls} other calls of this kind wait already")
+            raise QueueFullError(f"{chosen.calls} requests of this kind wait or run already")
         chosen.calls += 1
         try:
             async with asyncio.timeout(self.limits.call_seconds):
                 return await chosen.pool.call(function, arguments, self.limits.call_seconds)
         except TimeoutError:
-            raise CallTimeoutError(f"this took longer than {self.limits.call_seconds:g} seconds") from None
+            raise CallTimeoutError(f"the request took longer than {self.limits.call_seconds:g} seconds") from None
         except JobTimeoutError as error:
             raise CallTimeoutError(str(error)) from None
         except Exception as error:
@@ -253,7 +255,7 @@ class JobRunner:
             chosen.calls -= 1
 
     async def file(self, job: JobRecord) -> JobFile:
-        """Return the file of a job; NotFoundError if it has none."""
+        """Return the file of a job; NotFoundError if the job has none."""
         return await self._jobs.file(job)
 
     async def delete_ended(self, before: datetime, owner: str | None = None) -> int:
@@ -261,7 +263,7 @@ class JobRunner:
         return await self._dispatcher.delete_ended(before=before, owner=owner)
 
     async def cancel(self, job_id: str) -> JobRecord:
-        """Cancel a job: a queued one never starts, a running one's process is killed, an ended one stays as it is."""
+        """Cancel a job. A queued job never starts, a running job's process is killed, an ended job does not change."""
         error = describe(JobCancelledError("the job was cancelled"))
         CURRENT_JOB.set(job_id)
         reached = self._subscriptions.progress(job_id)
@@ -271,11 +273,11 @@ class JobRunner:
             self._dispatcher.announce_end(ended)
         return await self.status(job_id)
 
-    def _queue_limits(self, most_owned: int | None = None) -> QueueLimits:
+    def _queue_limits(self, most_owned: int | None) -> QueueLimits:
         return QueueLimits(self.limits.queued, most_owned, self.workers)
 
     async def _submitted(self, future: Future[NewJob | K]) -> JobRecord | K:
-        """Wait until a submission is on disk; return its job, or the record that it found instead."""
+        """Wait until a submission is on disk; return the new job, or the existing job or shape."""
         # The callback runs even if the client disconnects, and before the dispatcher can claim the job.
         future.add_done_callback(partial(self._observe_submission, copy_context()))
         outcome = await asyncio.wrap_future(future)
@@ -287,7 +289,7 @@ class JobRunner:
         return found
 
     def _observe_submission(self, context: Context, future: Future[Any]) -> None:
-        """Tell the observer of a new job, in the context of its request."""
+        """Notify the observer of a new job, in the context of its request."""
         if not future.cancelled() and future.exception() is None and isinstance(future.result(), NewJob):
             context.run(self._observer.submitted, future.result().job)
 

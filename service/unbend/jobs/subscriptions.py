@@ -1,4 +1,4 @@
-"""Subscriptions to running jobs and their latest progress; in memory only."""
+"""Subscriptions to jobs, and the latest progress of running jobs; in memory only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Subscription:
 
     def __init__(self, *, to_progress: bool) -> None:
         self.to_progress = to_progress
-        """Whether it receives progress, in addition to changes of state."""
+        """Whether the subscriber receives progress, in addition to changes of state."""
         self._state_event = asyncio.Event()
         self._any_event = asyncio.Event()
 
@@ -26,7 +26,7 @@ class Subscription:
             self._state_event.set()
 
     async def wait_for_state(self, seconds: float) -> bool:
-        """Wait up to `seconds` for a change of state; return whether there was one since `clear`."""
+        """Wait up to `seconds` for a change of state; return whether there was a change since `clear`."""
         return await _wait(self._state_event, seconds)
 
     async def wait(self, seconds: float) -> None:
@@ -65,11 +65,14 @@ class JobFeed:
 
 
 class Subscriptions:
-    """The subscribers and the latest progress of running jobs. Used within one event loop, except for `report`."""
+    """The subscribers and the latest progress of jobs.
+
+    Used within one event loop, except that `report` and `close_soon` are safe in any thread.
+    """
 
     def __init__(self) -> None:
         self.closed = False
-        """Whether all waits have ended for good."""
+        """Whether `close` was called: callers must then not begin another wait."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._progress: dict[str, Progress] = {}
         self._subscribers: dict[str, set[Subscription]] = {}
@@ -80,12 +83,12 @@ class Subscriptions:
         self._loop = asyncio.get_running_loop()
 
     def close_soon(self) -> None:
-        """End all waits; safe in any thread and in a signal handler."""
+        """Call `close` in the event loop; safe in any thread and in a signal handler."""
         if self._loop:
             self._loop.call_soon_threadsafe(self.close)
 
     def close(self) -> None:
-        """End all waits."""
+        """Set `closed`, and end the waits that have begun."""
         self.closed = True
         for job_id in list(self._subscribers):
             self.notify_state(job_id)
@@ -95,7 +98,7 @@ class Subscriptions:
     def report(self, job_id: str, progress: Progress) -> None:
         """Keep the latest progress of a job, and notify its subscribers; safe in any thread."""
         self._progress[job_id] = progress
-        # A copy, because the event loop may change the set meanwhile. Waking the loop for nobody would cost more.
+        # A copy, because the event loop may change the set meanwhile. Waking the loop without need would cost more.
         heard = self._feeds or any(each.to_progress for each in tuple(self._subscribers.get(job_id, ())))
         if self._loop and heard:
             self._loop.call_soon_threadsafe(self._notify, job_id, False)
@@ -114,7 +117,7 @@ class Subscriptions:
 
     @contextmanager
     def subscribe(self, job_id: str, *, to_progress: bool = False) -> Iterator[Subscription]:
-        """Yield a subscription to a job's changes of state, and to its progress if asked."""
+        """Yield a subscription to a job's changes of state, and to its progress if `to_progress`."""
         subscription = Subscription(to_progress=to_progress)
         self._subscribers.setdefault(job_id, set()).add(subscription)
         try:

@@ -1,4 +1,4 @@
-"""The functions that run inside a worker process: the only place that parses an uploaded file."""
+"""The functions that run in worker processes. A server parses uploaded files only in these functions."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ class StoredMesh:
     library_url: str
     sha256: str
     file_type: str
-    """Its format, for content that does not tell."""
+    """The format of the file, used if the content does not identify it."""
     policy: MeshPolicy
     limits: MeshLimits | None = None
-    """None for a file that was read before."""
+    """Limits on the mesh; None for a file that was read within the limits before."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class QueryOutcome:
 
 @dataclass(frozen=True)
 class Geodesics:
-    """Distances from a vertex of a file to all its vertices, None for unreachable ones, and a path to one of them."""
+    """Distances from a vertex of a file to every vertex, None if unreachable or removed, and a path to one vertex."""
 
     distances: list[float | None]
     path: list[list[float]] | None
@@ -86,7 +86,7 @@ class Geodesics:
 
 
 def initialise(memory_bytes: int | None) -> None:
-    """Prepare a worker process, and load its kernels, so that no job waits for that."""
+    """Limit a worker process, and load the common kernels, so that jobs do not wait for them."""
     limit_process(memory_bytes)
     warm_up()
 
@@ -121,7 +121,7 @@ def _compute(mesh: StoredMesh, parameters: Parameters) -> tuple[FileSignature, M
                 progress=reporter.report, threads=1,
             )  # fmt: skip
         except Exception as error:
-            reporter.send()  # the stage that failed
+            reporter.send()  # the client learns which stage failed
             if isinstance(error, MemoryError):
                 raise JobMemoryError("the mesh needs more memory than a job may use") from None
             raise
@@ -134,7 +134,7 @@ def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | 
     Raises
     ------
     UnsuitedError
-        If `source` or `target` is no vertex of the file, simplification removed it, or no path joins them.
+        If `source` or `target` is not a vertex of the file, simplification removed it, or no path joins them.
     """
     surface = _read(mesh)
     start = surface_vertex(surface, source, "source")
@@ -190,8 +190,8 @@ def convert(mesh: StoredMesh, file_type: str) -> bytes:
     return write_mesh(surface.vertices, surface.faces, file_type)
 
 
-def whole_form(mesh: StoredMesh, signature: Signature, file_type: str) -> bytes:
-    """Return the canonical form of all vertices of a stored mesh, as a file."""
+def canonical_form_file(mesh: StoredMesh, signature: Signature, file_type: str) -> bytes:
+    """Return the canonical form of a stored mesh at full resolution, as a file."""
     return export_form(canonical_form(_read(mesh), signature=signature, threads=1), file_type)
 
 
@@ -201,7 +201,7 @@ def flattened(mesh: StoredMesh, parameters: Parameters, file_type: str) -> bytes
 
 
 def make_file(mesh: StoredMesh, request: FileRequest) -> bytes:
-    """Make a file of a stored mesh, as a job."""
+    """Make the file of a job from a stored mesh."""
     with ProgressReporter() as reporter:
         reporter.report(Progress("reading"))
         reporter.send()
@@ -218,7 +218,7 @@ def _flattening_file(mesh: StoredMesh, parameters: dict[str, Any], file_type: st
 
 
 def _form_file(mesh: StoredMesh, shape_id: str, file_type: str) -> bytes:
-    return whole_form(mesh, _library(mesh.library_url).shapes.signature(shape_id), file_type)
+    return canonical_form_file(mesh, _library(mesh.library_url).shapes.signature(shape_id), file_type)
 
 
 _FILE_CALLS: Final[Mapping[FileCall, Callable[..., bytes]]] = {
@@ -240,7 +240,7 @@ def library_evaluation(library_url: str, measure: str, parameters: Parameters | 
 
 
 def warm_up() -> None:
-    """Compile or load every kernel by comparing two small signatures."""
+    """Compile or load the kernels of signatures and measures, by comparing two small meshes."""
     first, second = (
         compute_signature(read_mesh(_TETRAHEDRON.format(height=height).encode()), threads=1) for height in (1, 2)
     )

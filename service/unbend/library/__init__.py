@@ -1,4 +1,4 @@
-"""The library: shapes, signatures and jobs in a database, and search among them."""
+"""The library: shapes, signatures and jobs in a database, and search among the shapes."""
 
 from unbend.library.library import Library
 from unbend.library.search.ranking import Ranking

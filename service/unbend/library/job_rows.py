@@ -22,17 +22,20 @@ from unbend.library.requests import (
     decode_request,
     kind_of,
 )
-from unbend.library.shape_rows import as_seq, delete_unused_mesh
+from unbend.library.shape_rows import delete_unused_mesh, parse_cursor
 from unbend.library.storage.log_eraser import mark_erased
 from unbend.library.storage.schema import Instant, job_files, jobs
 from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
 
-Cause = Literal["worker lost", "server lost", "stopped"]
-"""The cause for which a running job returns to the queue: its process died, its server died, or its server stops."""
+Cause = Literal["worker lost", "server lost", "stopped", "shape removed"]
+"""The cause for which a running job returns to the queue.
+
+Its process died, its server died, its server stops, or somebody removed the known shape that would be its result.
+"""
 
 _BATCH: Final = 500
-"""Jobs that one transaction deletes: other writers wait no longer than that takes."""
+"""Most jobs that one transaction deletes, so that other writers wait only briefly."""
 
 _SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
 
@@ -45,15 +48,15 @@ _SENT = (
     .where(jobs.c.idempotency == bindparam("idempotency"), jobs.c.created_at >= bindparam("since", type_=Instant()))
     .order_by(jobs.c.seq.desc())
 )
-_COUNT = select(func.count()).select_from(jobs).where(jobs.c.state == "queued")
+_COUNT_QUEUED = select(func.count()).select_from(jobs).where(jobs.c.state == "queued")
 _OWNED = jobs.c.owner.is_not_distinct_from(bindparam("owner"))
-_COUNT_OF = select(func.count()).select_from(jobs).where(_UNFINISHED, _OWNED)
-_COUNT_OF_BEFORE = _COUNT.where(_OWNED, jobs.c.seq < bindparam("seq"))
+_COUNT_UNFINISHED = select(func.count()).select_from(jobs).where(_UNFINISHED, _OWNED)
+_COUNT_OWNED_BEFORE = _COUNT_QUEUED.where(_OWNED, jobs.c.seq < bindparam("seq"))
 _BY_OWNER = (
     select(jobs.c.owner, func.count().label("number")).where(jobs.c.state == bindparam("state")).group_by(jobs.c.owner)
 )
 _other = jobs.alias("other")
-_COMPUTED_ALREADY = exists().where(
+_EQUAL_UPLOAD_RUNS = exists().where(
     _other.c.state == "running",
     _other.c.kind == "shape",
     _other.c.mesh_sha256 == jobs.c.mesh_sha256,
@@ -62,7 +65,7 @@ _COMPUTED_ALREADY = exists().where(
 )
 _OLDEST = (
     select(jobs.c.seq)
-    .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_COMPUTED_ALREADY)
+    .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_EQUAL_UPLOAD_RUNS)
     .order_by(jobs.c.seq)
     .limit(1)
 )
@@ -110,7 +113,7 @@ def enqueue(
     sender: Sender = ANONYMOUS,
     shape_id: str | None = None,
 ) -> JobRecord:
-    """Append a job whose mesh is stored already; `shape_id` is the shape that a file is made of."""
+    """Append a job whose mesh is stored already; `shape_id` is the shape of which a job makes a file."""
     row = connection.execute(
         _ENQUEUE,
         {
@@ -124,7 +127,7 @@ def enqueue(
 
 
 def find_sent(connection: Connection, idempotency: str, since: datetime) -> JobRecord | None:
-    """Return the latest job with this idempotency hash since an instant."""
+    """Return the latest job since an instant that has this idempotency hash, if there is one."""
     row = connection.execute(_SENT, {"idempotency": idempotency, "since": since}).first()
     return None if row is None else _record(row, unpack_ranking(connection, row.result))
 
@@ -133,7 +136,7 @@ def get_job(connection: Connection, job_id: str) -> JobRecord:
     """Return a job; NotFoundError if there is none of this id."""
     row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
     if row is None:
-        raise NotFoundError(f"no job {job_id}: there is none, or it ended long ago and was deleted")
+        raise NotFoundError(f"no job {job_id}; it may have ended long ago and been deleted")
     return _record(row, unpack_ranking(connection, row.result))
 
 
@@ -145,7 +148,7 @@ class JobFilter:
     kind: JobKind | None = None
     shape_id: str | None = None
     owner: str | None = None
-    """The id of an API key; None for the jobs of all."""
+    """The id of an API key; None for the jobs of all keys."""
 
 
 def list_jobs(connection: Connection, which: JobFilter, *, cursor: str | None, limit: int) -> JobPage:
@@ -155,7 +158,7 @@ def list_jobs(connection: Connection, which: JobFilter, *, cursor: str | None, l
         if value is not None:
             query = query.where(jobs.c[name] == value)
     if cursor is not None:
-        query = query.where(jobs.c.seq < as_seq(cursor))
+        query = query.where(jobs.c.seq < parse_cursor(cursor))
     rows = [_record(row) for row in connection.execute(query)]
     page = rows[:limit]
     return JobPage(page, str(page[-1].seq) if len(rows) > limit else None)
@@ -201,19 +204,19 @@ def delete_ended(
 
 def count_queued(connection: Connection) -> int:
     """Return the number of queued jobs."""
-    return connection.scalar(_COUNT) or 0
+    return connection.scalar(_COUNT_QUEUED) or 0
 
 
 def count_unfinished(connection: Connection, owner: str) -> int:
     """Return the number of queued and running jobs of an API key."""
-    return connection.scalar(_COUNT_OF, {"owner": owner}) or 0
+    return connection.scalar(_COUNT_UNFINISHED, {"owner": owner}) or 0
 
 
 def claim(connection: Connection) -> JobRecord | None:
-    """Start the next job and return it; None if the queue is empty, or only holds uploads that are computed already.
+    """Start the next job and return it; None if no queued job can start.
 
     API keys take turns: next is the oldest job of the key with the fewest running jobs. An upload waits while an equal
-    one is computed, because nothing is left to compute afterwards.
+    upload runs, because it can then use the stored shape.
     """
     seq = _next(connection)
     if seq is None:
@@ -223,11 +226,11 @@ def claim(connection: Connection) -> JobRecord | None:
 
 
 def position(connection: Connection, job: JobRecord) -> int | None:
-    """Return the number of jobs that start before a queued one, as keys take turns; None if it is not queued."""
+    """Return the number of jobs that start before a queued job, as keys take turns; None if the job is not queued."""
     if job.state != "queued":
         return None
     running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
-    mine = connection.scalar(_COUNT_OF_BEFORE, {"owner": job.owner, "seq": job.seq}) or 0
+    mine = connection.scalar(_COUNT_OWNED_BEFORE, {"owner": job.owner, "seq": job.seq}) or 0
     turn = mine + running.get(job.owner, 0)
     ahead = mine
     for owner, count in waiting.items():
@@ -255,7 +258,10 @@ def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
 
 
 def requeue(connection: Connection, job_id: str, *, cause: Cause) -> None:
-    """Return a running job to its old place in the queue, and count the loss."""
+    """Return a running job to its old place in the queue.
+
+    Its attempt counts only if its worker died. Its restart counts only if its server died.
+    """
     values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
     if cause != "worker lost":
         values["attempts"] = jobs.c.attempts - 1
@@ -277,7 +283,7 @@ def finish(
     file: JobFile | None = None,
     reached: Progress | None = None,
 ) -> JobRecord | None:
-    """End an unfinished job, and delete its mesh if nothing else needs it; None if the job had ended before."""
+    """End an unfinished job, and delete its mesh if nothing else needs the mesh; None if the job had ended before."""
     values: dict[str, Any] = {
         "state": state,
         "finished_at": datetime.now(UTC),
@@ -285,7 +291,7 @@ def finish(
         "result": pack_ranking(connection, result),
         "warnings": list(warnings),
         "ignored": list(ignored),
-        "request": {},  # the shape has its description from now on, and removing the shape must remove it
+        "request": {},  # the shape now has the description, and removing the shape must remove every copy
     }
     if state == "succeeded":
         values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id}
@@ -298,7 +304,7 @@ def finish(
         schedule_callback(connection, job_id, attempts=0, due=values["finished_at"])
     if file is not None:
         connection.execute(insert(job_files).values(job_seq=row.seq, **vars(file)))
-    if shape_id is None:  # otherwise the shape needs it
+    if shape_id is None:  # otherwise the shape needs its mesh
         delete_unused_mesh(connection, row.mesh_sha256)
     return _record(row, unpack_ranking(connection, row.result))
 
@@ -310,17 +316,17 @@ def due_callbacks(connection: Connection, now: datetime, limit: int) -> list[Job
 
 
 def schedule_callback(connection: Connection, job_id: str, attempts: int, due: datetime | None) -> None:
-    """Schedule the next attempt at a job's webhook; None after the last."""
+    """Schedule the next attempt at a job's webhook; `due` is None after the last."""
     changed = update(jobs).where(jobs.c.id == job_id).values(callback_attempts=attempts, callback_due=due)
     connection.execute(changed)
 
 
 def get_file(connection: Connection, job: JobRecord) -> JobFile:
-    """Return the file of a job; NotFoundError if it makes none, has not ended, or ended more than a day ago."""
+    """Return the file of a job; NotFoundError if the job makes none, has not ended, or ended more than a day ago."""
     wanted = select(job_files.c.file_type, job_files.c.name, job_files.c.data).where(job_files.c.job_seq == job.seq)
     row = connection.execute(wanted).one_or_none()
     if row is None:
-        raise NotFoundError(f"job {job.id} has no file, or none any more: files are kept for a day")
+        raise NotFoundError(f"job {job.id} has no file; files are deleted after a day")
     return JobFile(**row._asdict())
 
 

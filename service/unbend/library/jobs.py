@@ -28,19 +28,19 @@ IDEMPOTENCY: Final = timedelta(hours=24)
 """Time during which a repeated request gets the job of the first."""
 
 _CLAIMS_A_SECOND: Final = 50
-"""Jobs that a worker finishes in a second at best: for the advice when to retry."""
+"""Jobs that a worker finishes in a second at best, for the advice when to retry."""
 
 
 @dataclass(frozen=True)
 class QueueLimits:
-    """Limits on the jobs that a submission may add to."""
+    """Limits on the queue, checked by each submission."""
 
     queued: int
-    """Most queued jobs of all."""
+    """Most queued jobs of all senders."""
     owned: int | None = None
     """Most queued and running jobs of the sender's API key; None for no limit."""
     workers: int = 1
-    """Processes that work on the queue: for the advice when to retry."""
+    """Worker processes of the queue, for the advice when to retry."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class NewJob:
 class Jobs:
     """The queue, states and results of jobs; thread-safe.
 
-    Methods that return a future queue one transaction: its result is on disk when the future has it.
+    Methods that return a future queue one change for the store's writer: it is on disk when the future has its result.
     """
 
     def __init__(self, store: Store) -> None:
@@ -64,16 +64,16 @@ class Jobs:
     def submit_shape(
         self, upload: Upload, request: ShapeRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord | KnownShape]:
-        """Queue an upload; or return the shape that is stored already, or the job of the repeated request.
+        """Queue an upload; or return the shape if it is stored already, or the earlier job of a repeated request.
 
         Raises
         ------
         QueueFullError
             If `limits.queued` jobs wait already.
         QuotaError
-            If the sender has `limits.owned` jobs already.
+            If the sender has `limits.owned` queued and running jobs already.
         IdempotencyError
-            If the sender sent another request with this idempotency key.
+            If the sender sent a different request with this idempotency key.
         StoreFullError
             If the disk has no space for the file.
         """
@@ -84,24 +84,26 @@ class Jobs:
                 return earlier
             if known := shape_rows.find_shape(connection, key):
                 return shape_rows.update_known(connection, known, request)
-            return self._enqueue(connection, upload, request, sender, limits)
+            return self._enqueue(connection, key, upload, request, sender, limits)
 
         return self._store.submit(submit)
 
     def submit_query(
         self, upload: Upload, request: QueryRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord]:
-        """Queue a query; or return the job of the repeated request. Raises as `submit_shape` does."""
+        """Queue a query, or return the earlier job of a repeated request; raises as `submit_shape` does."""
+        key = upload.key  # hashed here, not in the writer's thread
 
         def submit(connection: Connection) -> NewJob | JobRecord:
-            return _find_repeated(connection, sender) or self._enqueue(connection, upload, request, sender, limits)
+            earlier = _find_repeated(connection, sender)
+            return earlier or self._enqueue(connection, key, upload, request, sender, limits)
 
         return self._store.submit(submit)
 
     def submit_file(
         self, shape: ShapeRecord, request: FileRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord]:
-        """Queue the making of a file of a stored shape.
+        """Queue a job that makes a file of a stored shape.
 
         Raises
         ------
@@ -109,14 +111,14 @@ class Jobs:
             If the shape was removed meanwhile.
         QueueFullError
             If `limits.queued` jobs wait already.
+        QuotaError
+            If the sender has `limits.owned` queued and running jobs already.
         """
         key = UploadKey.of(shape.sha256, shape.parameters, shape.policy)
 
         def submit(connection: Connection) -> NewJob | JobRecord:
             shape_rows.get_shape(connection, shape.id)
-            waiting = job_rows.count_queued(connection)
-            if waiting >= limits.queued:
-                raise QueueFullError(f"{waiting} jobs wait already")
+            _check_queue(connection, sender, limits)
             return NewJob(
                 job_rows.enqueue(
                     connection, key=key, file_type=shape.file_type, request=request, sender=sender, shape_id=shape.id
@@ -126,19 +128,19 @@ class Jobs:
         return self._store.submit(submit)
 
     def _enqueue(
-        self, connection: Connection, upload: Upload, request: JobRequest, sender: Sender, limits: QueueLimits
+        self,
+        connection: Connection,
+        key: UploadKey,
+        upload: Upload,
+        request: JobRequest,
+        sender: Sender,
+        limits: QueueLimits,
     ) -> NewJob:
         if self._store.disk:
             self._store.disk.admit_upload(len(upload.data))
-        waiting = job_rows.count_queued(connection)
-        if waiting >= limits.queued:
-            pause = max(1, waiting // (_CLAIMS_A_SECOND * limits.workers))
-            raise QueueFullError(f"{waiting} jobs wait already", retry_after=pause)
-        owned = job_rows.count_unfinished(connection, sender.owner) if limits.owned is not None and sender.owner else 0
-        if limits.owned is not None and owned >= limits.owned:
-            raise QuotaError(f"{limits.owned} jobs of this key wait or run already, as many as it may have")
-        shape_rows.put_mesh(connection, upload.key.sha256, upload.data)
-        job = job_rows.enqueue(connection, key=upload.key, file_type=upload.file_type, request=request, sender=sender)
+        _check_queue(connection, sender, limits)
+        shape_rows.put_mesh(connection, key.sha256, upload.data)
+        job = job_rows.enqueue(connection, key=key, file_type=upload.file_type, request=request, sender=sender)
         return NewJob(job)
 
     # Execution
@@ -148,11 +150,11 @@ class Jobs:
         return self._store.submit(job_rows.claim)
 
     def requeue(self, job_id: str, cause: Cause) -> Future[None]:
-        """Return a running job to its place in the queue."""
+        """Return a running job to its old place in the queue."""
         return self._store.submit(partial(job_rows.requeue, job_id=job_id, cause=cause))
 
     def requeue_all(self) -> Future[None]:
-        """Return every running job to the queue, when the server stops."""
+        """Return every running job to the queue, because the server stops."""
 
         def requeue(connection: Connection) -> None:
             for job in job_rows.running_jobs(connection):
@@ -161,7 +163,7 @@ class Jobs:
         return self._store.submit(requeue)
 
     def recover(self, restarts: int, error: Mapping[str, Any]) -> Future[list[JobRecord]]:
-        """Requeue the jobs of a server that died; return those that fail with `error`, after too many restarts."""
+        """Requeue the jobs of a server that died. Jobs with too many restarts fail with `error`, and are returned."""
 
         def recover(connection: Connection) -> list[JobRecord]:
             failed = []
@@ -174,10 +176,10 @@ class Jobs:
 
         return self._store.submit(recover)
 
-    # Results; each returns None if the job ended by another way meanwhile
+    # Results; the future has None if the job had ended already, such as by a cancellation
 
     def complete_shape(self, job: JobRecord, computed: ComputedShape) -> Future[JobRecord | None]:
-        """Store the results of an upload, and end its job."""
+        """Store the shape of an upload, and end its job."""
 
         def complete(connection: Connection) -> JobRecord | None:
             if job_rows.get_job(connection, job.id).finished:  # cancelled meanwhile
@@ -190,7 +192,7 @@ class Jobs:
         return self._store.submit(complete)
 
     def complete_known(self, job: JobRecord, key: UploadKey) -> Future[JobRecord | None]:
-        """End an upload whose shape is stored already; requeue it if that shape was removed meanwhile."""
+        """End the job of an upload whose shape is stored already, or requeue it if the shape was removed meanwhile."""
         return self._store.submit(partial(_complete_known, job=job, key=key))
 
     def complete_query(self, job: JobRecord, ranking: Ranking) -> Future[JobRecord | None]:
@@ -198,7 +200,7 @@ class Jobs:
         return self._finish(job.id, "succeeded", result=ranking.as_dict(), warnings=ranking.warnings)
 
     def complete_file(self, job: JobRecord, file: JobFile) -> Future[JobRecord | None]:
-        """Store the file of a job, and end it; NotFoundError if the shape was removed meanwhile."""
+        """Store the file of a job, and end the job; NotFoundError if the shape was removed meanwhile."""
 
         def complete(connection: Connection) -> JobRecord | None:
             shape_rows.get_shape(connection, job.shape_id or "")
@@ -230,7 +232,7 @@ class Jobs:
         return self._store.submit(partial(job_rows.delete_files, before=before))
 
     def schedule_callback(self, job_id: str, attempts: int, due: datetime | None) -> Future[None]:
-        """Schedule the next attempt at a job's webhook; None after the last."""
+        """Schedule the next attempt at a job's webhook; `due` is None after the last."""
         return self._store.submit(partial(job_rows.schedule_callback, job_id=job_id, attempts=attempts, due=due))
 
     # Reads
@@ -240,7 +242,7 @@ class Jobs:
         return await self._store.fetch(partial(job_rows.get_job, job_id=job_id))
 
     async def position(self, job: JobRecord) -> int | None:
-        """Return the number of jobs that start before a queued one; None if it is not queued."""
+        """Return the number of jobs that start before a queued job; None if the job is not queued."""
         if job.state != "queued":
             return None
         return await self._store.fetch(partial(job_rows.position, job=job))
@@ -271,11 +273,21 @@ class Jobs:
         return await self._in_thread(load)
 
     async def file(self, job: JobRecord) -> JobFile:
-        """Return the file of a job; NotFoundError if it has none, or none any more."""
+        """Return the file of a job; NotFoundError if the job has no file, or the file was deleted."""
         return await self._in_thread(partial(job_rows.get_file, job=job))
 
     async def _in_thread(self, load: Callable[[Connection], T]) -> T:
         return await asyncio.to_thread(self._store.load, load)
+
+
+def _check_queue(connection: Connection, sender: Sender, limits: QueueLimits) -> None:
+    waiting = job_rows.count_queued(connection)
+    if waiting >= limits.queued:
+        pause = max(1, waiting // (_CLAIMS_A_SECOND * limits.workers))
+        raise QueueFullError(f"{waiting} jobs wait already", retry_after=pause)
+    owned = job_rows.count_unfinished(connection, sender.owner) if limits.owned is not None and sender.owner else 0
+    if limits.owned is not None and owned >= limits.owned:
+        raise QuotaError(f"{limits.owned} jobs of this key wait or run already, as many as the key may have")
 
 
 def _find_repeated(connection: Connection, sender: Sender) -> JobRecord | None:
@@ -283,20 +295,20 @@ def _find_repeated(connection: Connection, sender: Sender) -> JobRecord | None:
         return None
     earlier = job_rows.find_sent(connection, sender.idempotency, datetime.now(UTC) - IDEMPOTENCY)
     if earlier and earlier.fingerprint != sender.fingerprint:
-        raise IdempotencyError("another request was sent with this Idempotency-Key")
+        raise IdempotencyError("a different request was sent with this Idempotency-Key")
     return earlier
 
 
 def _shape_request(job: JobRecord) -> ShapeRequest:
     if not isinstance(job.request, ShapeRequest):
-        raise TypeError(f"job {job.id} is no upload")
+        raise TypeError(f"job {job.id} is not an upload")
     return job.request
 
 
 def _complete_known(connection: Connection, job: JobRecord, key: UploadKey) -> JobRecord | None:
     known = shape_rows.find_shape(connection, key)
     if known is None:
-        job_rows.requeue(connection, job.id, cause="stopped")
+        job_rows.requeue(connection, job.id, cause="shape removed")
         return None
     if job_rows.get_job(connection, job.id).finished:  # cancelled meanwhile
         return None

@@ -1,8 +1,8 @@
 """API keys of a library.
 
-A key is `unbend_<id>_<secret>`. The id finds its row, so that one hash is compared, in constant time. The store has
-only the hash of the secret. A single SHA-256 is enough: slow hashes protect passwords, which attackers can try one by
-one. These secrets are 256 random bits, and a slow hash would slow down every request.
+A key is `unbend_<id>_<secret>`. The id selects one row, whose hash is compared in constant time. The store has only the
+hash of the secret. A single SHA-256 is enough: slow hashes protect passwords, which attackers can guess. These secrets
+are 256 random bits, and a slow hash would slow down every request.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _FIND = select(*_COLUMNS, api_keys.c.sha256).where(
     api_keys.c.id == bindparam("key_id"), api_keys.c.revoked_at.is_(None)
 )
 _ANY = select(exists().where(api_keys.c.revoked_at.is_(None)))
-"""Expired keys count: a library must not become open because its last key expired."""
+"""Whether a key is not revoked. Expired keys count: a library must not become open because its last key expired."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ class KeyRecord:
     created_at: datetime
     revoked_at: datetime | None
     expires_at: datetime | None = None
-    """Time from which it is refused; None for never."""
+    """Time from which the key is refused; None for never."""
     most_jobs: int | None = None
     """Most queued and running jobs of this key; None for no limit."""
 
     @property
     def is_expired(self) -> bool:
-        """Whether it has expired."""
+        """Whether the key has expired."""
         return self.expires_at is not None and self.expires_at <= datetime.now(UTC)
 
 
@@ -81,7 +81,8 @@ class Keys:
         Raises
         ------
         ParameterError
-            If the name is not 1 to 200 printable characters, there is no such scope, or the limits leave nothing.
+            If the name is not 1 to 200 printable characters, there is no such scope, the key would be expired
+            already, or it would be allowed no job.
         """
         if not 1 <= len(name) <= MAX_TEXT or not name.isprintable():
             raise ParameterError(f"a key's name must be text of 1 to {MAX_TEXT} printable characters")
@@ -103,7 +104,7 @@ class Keys:
         return self._store.load(lambda connection: [_record(row) for row in connection.execute(wanted)])
 
     def revoke(self, key_id: str) -> KeyRecord:
-        """Revoke a key; a second time changes nothing. NotFoundError if there is no key of this id."""
+        """Revoke a key; revoking it again changes nothing. NotFoundError if there is no key of this id."""
         return self._store.change(partial(_revoke, key_id=key_id))
 
     def are_required(self) -> bool:
@@ -111,11 +112,11 @@ class Keys:
         return self._store.load(_has_keys)
 
     def find(self, text: str) -> KeyRecord | None:
-        """Return the key with this text, if it is not revoked."""
+        """Return the key with this text if it is not revoked; it may have expired."""
         return self._store.load(partial(_find, text=text))
 
     async def find_async(self, text: str | None) -> tuple[KeyRecord | None, bool]:
-        """Return the key with this text, if it is not revoked, and whether callers need a key."""
+        """Return the key with this text as `find` does, and whether callers need a key."""
 
         def find(connection: Connection) -> tuple[KeyRecord | None, bool]:
             key = _find(connection, text) if text else None

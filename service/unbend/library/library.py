@@ -36,7 +36,7 @@ class Received(KnownShape):
     """The result of `Library.receive`."""
 
     is_new: bool = False
-    """Whether the shape was not stored before."""
+    """Whether this call stored the shape."""
 
 
 class Library:
@@ -104,7 +104,7 @@ class Library:
         self.close()
 
     def close(self) -> None:
-        """Wait for changes under way, and close the database."""
+        """Run the queued changes, and close the database."""
         self.store.close()
 
     def add(
@@ -132,7 +132,7 @@ class Library:
             JSON values: at most 32 kB, 16 levels and 1000 members.
         parameters : Parameters, optional
         policy : MeshPolicy, optional
-            How to read the mesh. Shapes of different policies are compared.
+            How to read the mesh. Searches compare shapes that were read with different policies.
         if_known : {"keep", "update"}
             Whether a shape that is stored already, from the same file with the same parameters and policy, keeps its
             name, label and metadata, or takes the new ones.
@@ -140,7 +140,8 @@ class Library:
         Returns
         -------
         ShapeRecord
-            The new shape, or the stored one. `receive` tells which, and what the stored one did not take.
+            The new shape, or the stored one. `receive` also returns whether the shape is new, and which fields a
+            stored shape did not take.
 
         Raises
         ------
@@ -161,7 +162,7 @@ class Library:
         policy: MeshPolicy | None = None,
         if_known: IfKnown = "keep",
     ) -> Received:
-        """Add a mesh as `add` does, and report the outcome.
+        """Add a mesh as `add` does, and return the outcome.
 
         `given` contains the name, label and metadata; None means not given.
         """
@@ -215,7 +216,7 @@ class Library:
         Raises
         ------
         ParameterError
-            If the library is no SQLite file, or the destination exists and `overwrite` is False.
+            If the library is not an SQLite file, or the destination exists and `overwrite` is False.
         StoreError
             If it cannot be copied; BackupError if it is damaged.
         """
@@ -246,8 +247,8 @@ class Library:
         query : Signature or str
             A signature, or the id of a stored shape, which is then not among the results.
         measure : str
-            A measure of whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) orders the shapes that are nearest
-            by the default measure; classes are then ranked by the default measure.
+            A measure of whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) reorders the shapes that are
+            nearest by the default measure. Classes are then ranked by the default measure.
         classifier : str
             The rule that turns distances from shapes into distances from classes.
         k : int
@@ -285,9 +286,9 @@ class Library:
         return cast("RetrievalMetrics", self.evaluation(measure, parameters=parameters).metrics)
 
     def evaluation(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> Evaluation:
-        """Evaluate retrieval among the labelled shapes computed with `parameters`: overall, by class, confusions.
+        """Evaluate retrieval among the labelled shapes computed with `parameters`, overall and by class.
 
-        In a very large library, evenly chosen shapes are the queries.
+        In a very large library, only some of the shapes are queries, chosen evenly.
 
         Raises
         ------
@@ -314,7 +315,7 @@ class Library:
             `Parameters()` by default.
         dimensions : int, default 2
         limit : int, default 5000
-            Most shapes on the map; of more, evenly chosen ones.
+            Most shapes on the map. Of more shapes, it shows a selection, chosen evenly.
         distance : {"l1", "squared_l2"}
             Distance of descriptors: the sum of absolute differences, which searches use, or of squared differences, as
             in the paper's D_M (section 2.3).

@@ -13,7 +13,7 @@ MAX_METADATA_BYTES: Final = 2**15
 """Size limit of metadata as JSON in UTF-8."""
 MAX_METADATA_DEPTH: Final = 16
 MAX_METADATA_KEYS: Final = 1000
-"""Limit on the members of all objects and lists together."""
+"""Most members of all objects and lists together."""
 
 
 def check_changes(changes: Mapping[str, Any]) -> None:
@@ -48,13 +48,13 @@ def check_metadata(value: object) -> None:
     try:
         text = json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
     except (TypeError, ValueError):
-        raise ParameterError("metadata holds a value that JSON cannot represent") from None
+        raise ParameterError("metadata contains a value that JSON cannot represent") from None
     if len(text) > MAX_METADATA_BYTES:
         raise ParameterError(f"metadata has {len(text)} bytes as JSON, and may have {MAX_METADATA_BYTES}")
 
 
 def read_metadata(text: str) -> dict[str, Any] | None:
-    """Return stored metadata; None if it is nested too deeply to be shown, which earlier versions allowed."""
+    """Return stored metadata; None if it is nested more deeply than this version allows."""
     try:
         value = json.loads(text)
         _check_extent(value, most=None)

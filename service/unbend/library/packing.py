@@ -18,19 +18,19 @@ from unbend.signature.signature import Signature
 _ARRAYS = ("points", "faces", "samples", "weights")
 _NUMBERS = ("scale", "stress", "asymmetry")
 _LEVEL = 1
-"""Level of compression: the usual level takes several times as long, and coordinates hardly shrink more."""
+"""Compression level. The default level takes several times as long, and hardly reduces the size of coordinates."""
 
 
 @dataclass(frozen=True)
 class PackedSignature:
-    """A signature as it is stored."""
+    """A signature in the form that the store has."""
 
     parameters: str
     version: str
     stress: float
     payload: bytes
     vectors: Mapping[str, bytes]
-    """Its descriptors, by name."""
+    """The descriptors, by name."""
     warnings: tuple[str, ...] = ()
     dimension: int | None = None
 

@@ -40,13 +40,13 @@ class ShapeRecord:
     created_at: datetime
     updated_at: datetime
     changed: int
-    """The revision of the library that last changed it, 0 if none did."""
+    """The revision of the library that last changed the shape; 0 if it was never changed."""
     seq: int
-    """Its place in the order of adding."""
+    """The shape's place in the order of adding."""
 
     @property
     def file_type(self) -> str:
-        """The format of its file."""
+        """The format of the uploaded file."""
         return str(self.report["file_type"])
 
 
@@ -56,9 +56,9 @@ class KnownShape:
 
     shape: ShapeRecord
     ignored: Sequence[str] = ()
-    """Fields sent with it that differ from the stored ones and were not taken: of "name", "label", "metadata"."""
+    """Fields of "name", "label" and "metadata" that were sent with other values, and that the shape did not take."""
     updated: Sequence[str] = ()
-    """Fields sent with it that differed from the stored ones and were taken."""
+    """Fields that were sent with other values, and that the shape took."""
 
 
 @dataclass(frozen=True)
@@ -104,18 +104,18 @@ class JobRecord:
     finished_at: datetime | None
     seq: int
     warnings: list[str] = field(default_factory=list)
-    """Warnings about its signature, once it has succeeded."""
+    """Warnings about the signature, once the job has succeeded."""
     owner: str | None = None
-    """The id of the API key that sent it; None if the library needs no keys."""
+    """The id of the API key that sent the job; None if the library needs no keys."""
     idempotency: str | None = None
     fingerprint: str | None = None
     ignored: list[str] = field(default_factory=list)
     """Fields of an upload that the stored shape did not take."""
     callback: str | None = None
-    """The URL of the webhook that reports its end."""
+    """The URL of the webhook that reports the job's end."""
     callback_attempts: int = 0
     callback_due: datetime | None = None
-    """Time of the next attempt; None before the job ends, and after the webhook succeeded or was given up."""
+    """Time of the webhook's next attempt; None before the job ends, and after the last attempt."""
     detail: Mapping[str, float] = field(default_factory=dict)
     """Details of the present stage while the job runs; not stored."""
 

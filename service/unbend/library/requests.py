@@ -1,4 +1,4 @@
-"""Requests of jobs as immutable values, and their form in the database."""
+"""Requests of jobs as immutable values, and their encoding in the database."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from unbend.signature.signature import ALGORITHM_VERSION
 
 DEFAULT_K: Final = 10
 MAX_PAIRS: Final = 100
-"""Most shapes that a measure of whole shapes returns: each comparison takes milliseconds."""
+"""Most shapes in a ranking by a measure of whole shapes, because each comparison takes milliseconds."""
 
 JobKind = Literal["shape", "query", "file"]
 """An upload, a query, or the making of a file from a stored shape."""
@@ -37,7 +37,7 @@ IfKnown = Literal["keep", "update"]
 """Whether a shape that is stored already keeps its name, label and metadata, or takes the new ones."""
 
 FileCall = Literal["mesh", "signature", "flattening", "geodesics"]
-"""A kind of file that a job makes of a stored shape."""
+"""The kind of file that a job makes of a stored shape."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class UploadKey:
 
     @classmethod
     def of(cls, sha256: str, parameters: Parameters, policy: MeshPolicy) -> Self:
-        """Return the key of a file that this version of the algorithm computes."""
+        """Return the key of a file for this version of the algorithm."""
         return cls(sha256, parameters.to_json(), policy.to_json())
 
 
@@ -61,7 +61,7 @@ class Upload:
 
     data: bytes
     file_type: str
-    """The extension of its name, for content that does not tell its format."""
+    """The extension of the file's name, used if the content does not identify the format."""
     parameters: Parameters = field(default_factory=Parameters)
     policy: MeshPolicy = field(default_factory=MeshPolicy)
 
@@ -79,7 +79,7 @@ class ShapeRequest:
     label: str | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
     sent: Sequence[str] = ()
-    """The fields that the caller gave: of "name", "label", "metadata"."""
+    """The fields of "name", "label" and "metadata" that the caller gave."""
     if_known: IfKnown = "keep"
 
     @classmethod

@@ -32,9 +32,9 @@ from unbend.signature.signature import Signature
 
 MAX_PAGE = 500
 
-# As text, because an earlier version may have stored metadata that is nested too deeply to parse.
+# Read as text, because an earlier version may have stored metadata that is nested too deeply to parse.
 _METADATA = cast(shapes.c.metadata, String).label("metadata")
-_UNSHOWN: Final = "the metadata is nested too deeply to be shown: set it again"
+_TOO_DEEP: Final = "the metadata is nested too deeply to be shown: set it again"
 _COLUMNS = (
     shapes.c.id, shapes.c.name, shapes.c.label, _METADATA, meshes.c.sha256, meshes.c.size,
     signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
@@ -60,12 +60,12 @@ _HAS_MESH = select(exists().where(meshes.c.sha256 == bindparam("sha256")))
 _GET_MESH = select(meshes.c.data).where(meshes.c.sha256 == bindparam("sha256"))
 _PUT_MESH, _ADD_DESCRIPTORS, _ADD_SHAPE = insert(meshes), insert(descriptors), insert(shapes)
 _ADD_SIGNATURE = insert(signatures).returning(signatures.c.id)
-_IS_NEEDED = select(
+_IS_MESH_NEEDED = select(
     exists().where(signatures.c.mesh_sha256 == bindparam("sha256"))
     | exists().where(jobs.c.mesh_sha256 == bindparam("sha256"), jobs.c.state.in_(UNFINISHED_STATES))
 )
 _NEXT_REVISION = update(library_state).values(revision=library_state.c.revision + 1).returning(library_state.c.revision)
-_PLACE = (
+_GET_PLACE = (
     select(shapes.c.seq, signatures.c.parameters, signatures.c.version, signatures.c.warnings)
     .join(signatures, shapes.c.signature_id == signatures.c.id)
     .where(shapes.c.id == bindparam("shape_id"))
@@ -76,7 +76,7 @@ _GET_PAYLOAD = (
 _GET_DESCRIPTORS = select(descriptors.c.measure, descriptors.c.vector).where(
     descriptors.c.signature_id == bindparam("signature_id")
 )
-_NAMED = select(shapes.c.seq, shapes.c.id, shapes.c.name, shapes.c.label).where(
+_GET_NAMES = select(shapes.c.seq, shapes.c.id, shapes.c.name, shapes.c.label).where(
     shapes.c.seq.in_(bindparam("seqs", expanding=True))
 )
 
@@ -92,13 +92,13 @@ class ComputedShape:
 
 
 def put_mesh(connection: Connection, sha256: str, data: bytes) -> None:
-    """Store a file's bytes, once."""
+    """Store a file's bytes unless they are stored already."""
     if not connection.scalar(_HAS_MESH, {"sha256": sha256}):
         connection.execute(_PUT_MESH, {"sha256": sha256, "size": len(data), "data": data})
 
 
 def get_file(connection: Connection, sha256: str) -> bytes:
-    """Return a file's bytes."""
+    """Return a file's bytes; NotFoundError if there is no such file."""
     data = connection.scalar(_GET_MESH, {"sha256": sha256})
     if data is None:
         raise NotFoundError(f"no mesh {sha256}")
@@ -106,7 +106,7 @@ def get_file(connection: Connection, sha256: str) -> bytes:
 
 
 def read_file_range(connection: Connection, sha256: str, offset: int, size: int) -> bytes:
-    """Return at most `size` of a file's bytes from `offset`; SQLite loads no others."""
+    """Return at most `size` of a file's bytes from `offset`; SQLite reads only these."""
     if connection.dialect.name != "sqlite":
         wanted = select(func.substr(meshes.c.data, offset + 1, size)).where(meshes.c.sha256 == sha256)
         piece = connection.scalar(wanted)
@@ -130,14 +130,14 @@ def _read_blob_range(connection: Connection, sha256: str, offset: int, size: int
 
 def delete_unused_mesh(connection: Connection, sha256: str) -> None:
     """Delete a file's bytes if no signature and no unfinished job needs them."""
-    if not connection.scalar(_IS_NEEDED, {"sha256": sha256}):
+    if not connection.scalar(_IS_MESH_NEEDED, {"sha256": sha256}):
         connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
         connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
         mark_erased(connection, "soon")
 
 
 def add_shape(connection: Connection, computed: ComputedShape, request: ShapeRequest) -> ShapeRecord:
-    """Store a shape whose mesh is stored already; return it, or the stored one with the same key."""
+    """Store a shape whose mesh is stored already; return the new shape, or the stored shape with the same key."""
     known = find_shape(connection, computed.key)
     if known:
         return known
@@ -167,7 +167,7 @@ def add_shape(connection: Connection, computed: ComputedShape, request: ShapeReq
 
 
 def update_known(connection: Connection, shape: ShapeRecord, request: ShapeRequest) -> KnownShape:
-    """Apply the description that came with a known file, if the request asks for it."""
+    """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
     different = {name: value for name, value in request.changes.items() if getattr(shape, name) != value}
     if different and request.if_known == "update":
         return KnownShape(change_shape(connection, shape.id, different), updated=sorted(different))
@@ -199,7 +199,7 @@ def get_signature(connection: Connection, shape_id: str) -> Signature:
 
 def get_place(connection: Connection, shape_id: str) -> tuple[int, str, str, list[str]]:
     """Return a shape's place in the order of adding, and the parameters, version and warnings of its signature."""
-    row = connection.execute(_PLACE, {"shape_id": shape_id}).one_or_none()
+    row = connection.execute(_GET_PLACE, {"shape_id": shape_id}).one_or_none()
     if row is None:
         raise NotFoundError(f"no shape {shape_id}")
     return row.seq, row.parameters, row.version, row.warnings
@@ -209,7 +209,7 @@ def get_matches(connection: Connection, seqs: Sequence[int], distances: Sequence
     """Return the shapes at these places in the order of adding, with their distances."""
     found: dict[int, Row[Any]] = {}
     for start in range(0, len(seqs), MAX_PAGE):
-        named = connection.execute(_NAMED, {"seqs": seqs[start : start + MAX_PAGE]})
+        named = connection.execute(_GET_NAMES, {"seqs": seqs[start : start + MAX_PAGE]})
         found |= {row.seq: row for row in named}
     ranked = ((found[seq], distance) for seq, distance in zip(seqs, distances, strict=True))
     return [ShapeMatch(row.id, row.name, row.label, distance) for row, distance in ranked]
@@ -235,7 +235,7 @@ def list_shapes(
     if sha256 is not None:
         query = query.where(signatures.c.mesh_sha256 == sha256)
     if cursor is not None:
-        last = as_seq(cursor)
+        last = parse_cursor(cursor)
         query = query.where(shapes.c.seq > last if order == "oldest" else shapes.c.seq < last)
     rows = [_record(row) for row in connection.execute(query)]
     page = rows[: min(limit, MAX_PAGE)]
@@ -253,14 +253,14 @@ def change_shape(
     shape_id : str
     changes : dict
     expected : collection of int, optional
-        The revisions, one of which must be the last that changed the shape.
+        The shape's last revision must be one of these.
 
     Raises
     ------
     NotFoundError
         If there is no such shape.
     ChangedError
-        If another revision changed it since.
+        If the shape's last revision is not one of `expected`.
     """
     record = _expect(connection, shape_id, expected)
     if changes:
@@ -274,7 +274,7 @@ def change_shape(
 def remove_shape(connection: Connection, shape_id: str, expected: Collection[int] | None = None) -> None:
     """Remove a shape, its signature and descriptors, and its file unless something else needs it.
 
-    Jobs that have ended stay, without the warnings about it. `expected` is as in `change_shape`.
+    Its jobs stay, without their files and without the warnings about the shape. `expected` is as in `change_shape`.
     """
     record = _expect(connection, shape_id, expected)
     signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
@@ -310,14 +310,17 @@ def count_shapes(connection: Connection) -> int:
 
 
 def _next_revision(connection: Connection) -> int:
-    """Increment the revision; before an insert of a shape, so that concurrent writers insert in the order of seqs."""
+    """Increment the revision and return it.
+
+    Call this before inserting a shape: the lock on the revision makes concurrent writers insert in the order of seqs.
+    """
     return int(connection.scalars(_NEXT_REVISION).one())
 
 
-def as_seq(text: str) -> int:
-    """Return the seq of a page's cursor; ParameterError if the text is no cursor."""
+def parse_cursor(text: str) -> int:
+    """Return the seq in a page's cursor; ParameterError if the text is not a cursor."""
     if not text.isdecimal() or len(text) > 18:
-        raise ParameterError(f"cursor {text[:40]!r} did not come from a page of this library")
+        raise ParameterError(f"cursor {text[:40]!r} is not the next_cursor of a page")
     return int(text)
 
 
@@ -326,5 +329,5 @@ def _record(row: Row[*tuple[Any, ...]]) -> ShapeRecord:
     values |= {"parameters": decode_parameters(row.parameters), "policy": decode_policy(row.policy)}
     metadata = read_metadata(values["metadata"])
     if metadata is None:
-        values["warnings"] = [*values["warnings"], _UNSHOWN]
+        values["warnings"] = [*values["warnings"], _TOO_DEEP]
     return ShapeRecord(**values | {"metadata": metadata or {}})

@@ -36,7 +36,7 @@ class Shapes:
         return self._store.load(partial(shape_rows.get_shape, shape_id=shape_id))
 
     async def render_async(self, shape_id: str, render: Callable[[ShapeRecord], T]) -> T:
-        """Return `render` of a shape, from a cache until somebody writes to the library."""
+        """Return `render(shape)`, cached until somebody writes to the library."""
         key: Hashable = (render, shape_id)
         return await self._store.fetch(lambda connection: render(shape_rows.get_shape(connection, shape_id)), key)
 
@@ -100,7 +100,7 @@ class Shapes:
         return self._store.load(partial(shape_rows.get_signature, shape_id=shape_id))
 
     def add(self, upload: Upload, computed: ComputedShape, request: ShapeRequest) -> ShapeRecord:
-        """Store an upload and its results; return the shape, or the stored one with the same key."""
+        """Store an upload and its results; return the new shape, or the stored shape with the same key."""
 
         def add(connection: Any) -> ShapeRecord:
             shape_rows.put_mesh(connection, upload.key.sha256, upload.data)
@@ -109,7 +109,7 @@ class Shapes:
         return self._store.change(add)
 
     def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> KnownShape:
-        """Apply the description that came with a known file, if the request asks for it."""
+        """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
         return self._store.change(partial(shape_rows.update_known, shape=shape, request=request))
 
     def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:

@@ -18,7 +18,7 @@ from unbend.library.storage.schema import labels, shapes
 T = TypeVar("T")
 
 _BATCH: Final = 500
-"""Values in one statement."""
+"""Most values in one statement."""
 
 
 def pack_ranking(connection: Connection, ranking: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -41,13 +41,13 @@ def unpack_ranking(connection: Connection, stored: dict[str, Any] | None) -> dic
     """Return a stored ranking with the present names and labels of its shapes."""
     if stored is None:
         return None
-    there = {row.seq: row for row in _rows(connection, shapes.c.seq, (seq for seq, _ in stored["shapes"]))}
+    found = {row.seq: row for row in _rows(connection, shapes.c.seq, (seq for seq, _ in stored["shapes"]))}
     texts = _texts(connection, (row for row, _, _ in stored["classes"]))
     return stored | {
         "shapes": [
             {"id": row.id, "name": row.name, "label": row.label, "distance": distance}
             for seq, distance in stored["shapes"]
-            if (row := there.get(seq))
+            if (row := found.get(seq))
         ],
         "classes": [
             {"label": texts[row], "distance": distance, "confidence": confidence}

@@ -1,4 +1,4 @@
-"""Access control: API keys, their scopes, and rate limits, checked before the body of a request is read."""
+"""Access control by API keys, scopes, hosts, origins and rate limits, before the body of a request is read."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ class Caller:
     """The caller of a request, checked against the keys of the library."""
 
     key: KeyRecord | None
-    closed: bool
+    needs_key: bool
     address: str
 
     @property
     def name(self) -> str:
         """The name of the caller in logs."""
-        return self.key.id if self.key and self.closed else "none" if self.closed else "open"
+        return self.key.id if self.key and self.needs_key else "none" if self.needs_key else "open"
 
 
 class Access:
-    """ASGI middleware that passes a request on, or responds 401, 403 or 429, or 503 if it cannot read the keys.
+    """ASGI middleware that admits a request, or responds 401, 403 or 429, or 503 if it cannot read the keys.
 
-    Each request looks keys up in the store, so that a new or revoked key takes effect with the next request. A library
-    without keys is open to requests from this machine, and to others only if the settings allow it: revoking the last
-    key of a public server does not open the server.
+    The keys are read from the store for each request, so a new or revoked key takes effect with the next request. A
+    library without keys is open to requests from this machine, and to other requests only if the settings allow it:
+    revoking the last key of a public server does not open the server.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
@@ -73,43 +73,42 @@ class Access:
         headers = Headers(scope=scope)
         caller = await self._caller(scope, headers)
         scope[CALLER] = caller.name
-        scope[KEY] = caller.key if caller.closed else None
+        scope[KEY] = caller.key if caller.needs_key else None
         if wait := self._rate.take(caller.address if caller.name in {"open", "none"} else caller.name):
-            raise RateLimitError(f"more than {self._settings.requests_per_minute} calls a minute", wait)
+            raise RateLimitError(f"more than {self._settings.requests_per_minute} requests a minute", wait)
         needed = scope_of(scope["method"], scope["path"])
-        if not caller.closed:
+        if not caller.needs_key:
             self._check_host(scope, headers)
             if needed == "write":
                 self._check_origin(headers)
         elif caller.key is None:
             if "authorization" in headers:
-                raise KeyInvalidError("the Authorization header holds no key of this library")
-            raise KeyRequiredError("this call needs an API key")
+                raise KeyInvalidError("the Authorization header contains no key of this library")
+            raise KeyRequiredError("this request needs an API key")
         elif needed == "write" and caller.key.scope == "read":
             raise ScopeError("this key may only read")
 
     async def _caller(self, scope: Scope, headers: Headers) -> Caller:
         service = cast("Service", scope["app"].state.service)
         token = _token(headers.get("authorization"))
-        key, closed = await service.library.keys.find_async(token)
+        key, has_keys = await service.library.keys.find_async(token)
         client, _ = scope.get("client") or ("", None)
         if key and key.is_expired:
             key = None
-        return Caller(key, closed or not (self._settings.open or _is_local(scope, headers)), client)
+        return Caller(key, has_keys or not (self._settings.open or _is_local(scope, headers)), client)
 
     def _check_host(self, scope: Scope, headers: Headers) -> None:
         """Refuse a request for an unknown host name: a website can resolve its own name to this server (DNS rebinding).
 
-        A page at an IP address or at localhost is no such website. With a key this check is not needed, because no page
-        has the key.
+        An IP address and localhost cannot be such a name. With a key no check is needed: no website has the key.
         """
         host = _PORT.sub("", headers.get("host", "")).strip("[]").lower()
-        known = not host or is_loopback(host) or is_address(host) or _is_within(scope)
+        known = not host or is_loopback(host) or is_address(host) or _is_in_process(scope)
         if not (known or {host, "*"} & set(self._settings.hosts)):
-            raise HostError(f"the service does not know itself as {host[:100]!r}")
+            raise HostError(f"{host[:100]!r} is not an allowed host of this service")
 
     def _check_origin(self, headers: Headers) -> None:
-        """Refuse a write from a page of another site: CORS only hides the response from that page."""
+        """Refuse a write from a page of another site: CORS would only hide the response from that page."""
         origin = headers.get("origin")
         if origin is None or {origin, "*"} & set(self._settings.origins):
             return
@@ -118,20 +117,20 @@ class Access:
 
 
 def _is_local(scope: Scope, headers: Headers) -> bool:
-    """Return whether a request came from this machine, for a name of this machine.
+    """Return whether a request came from this machine, without a proxy, and names this machine as its host.
 
-    A proxy on this machine names another client, and a page that uses DNS rebinding names another host.
+    A proxy on this machine forwards the requests of others, and a page that uses DNS rebinding names another host.
     """
     if any(name in headers for name in _FORWARDED):
         return False
-    if _is_within(scope):
+    if _is_in_process(scope):
         return True
     (here, _), (client, _) = scope.get("server") or ("", None), scope.get("client") or ("", None)
     return all(map(is_loopback, (here, client, _PORT.sub("", headers.get("host", "")).strip("[]"))))
 
 
-def _is_within(scope: Scope) -> bool:
-    """Return whether a request was made within the process: the address of such a server is a name."""
+def _is_in_process(scope: Scope) -> bool:
+    """Return whether a client in this process made the request: its server address is a name, not an IP address."""
     here, _ = scope.get("server") or ("", None)
     return bool(here) and "/" not in here and not is_address(here)
 

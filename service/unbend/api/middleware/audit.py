@@ -23,22 +23,22 @@ class Audit:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, and log it after its response."""
+        """Pass a request on, and log a write after its response."""
         if not _writes(scope):
             await self._app(scope, receive, send)
             return
-        answer: Message = {"status": 500, "headers": []}  # the response if an unexpected error interrupts
+        start: Message = {"status": 500, "headers": []}  # stays if an unexpected error comes before the response
 
         async def watching(message: Message) -> None:
-            nonlocal answer
+            nonlocal start
             if message["type"] == "http.response.start":
-                answer = message
+                start = message
             await send(message)
 
         try:
             await self._app(scope, receive, watching)
         finally:
-            line = _line(scope, answer)
+            line = _line(scope, start)
             logger.info("%s", json.dumps(line), extra={"details": line})
 
 
@@ -46,15 +46,15 @@ def _writes(scope: Scope) -> bool:
     return scope["type"] == "http" and is_guarded(scope["path"]) and scope_of(scope["method"], scope["path"]) == "write"
 
 
-def _line(scope: Scope, answer: Message) -> dict[str, Any]:
+def _line(scope: Scope, start: Message) -> dict[str, Any]:
     client, _ = scope.get("client") or (None, None)
     line = {
         "key": scope.get(CALLER, "none"),
         "client": client,
         "method": scope["method"],
         "path": scope["path"],
-        "status": answer["status"],
+        "status": start["status"],
     }
-    place = Headers(raw=answer["headers"]).get("location", "")
+    place = Headers(raw=start["headers"]).get("location", "")
     made = {"job_id": place.removeprefix(_JOBS)} if place.startswith(_JOBS) else {}
     return {**line, **scope.get("path_params", {}), **made}

@@ -26,7 +26,7 @@ _BODY_HEADERS: Final = frozenset({b"content-length", b"transfer-encoding", b"exp
 
 
 class BodyRefused(HTTPException):
-    """An error while a body is read: an HTTPException, because FastAPI turns any other error into a 400."""
+    """An error while a body is read. It is an HTTPException, because FastAPI turns any other error into a 400."""
 
     def __init__(self, error: UnbendError) -> None:
         self.problem = of_error(error)
@@ -39,7 +39,7 @@ class BodyLimit:
     def __init__(self, app: ASGIApp, limits: BodyLimits) -> None:
         self._app = app
         self._limits = limits
-        self._held = 0
+        self._buffered = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, and count the bytes of its body."""
@@ -51,43 +51,43 @@ class BodyLimit:
             return
         loop = asyncio.get_running_loop()
         end = loop.time() + self._limits.seconds
-        received, whole, answered = 0, False, False
+        received, complete, responded = 0, False, False
         headers = Headers(scope=scope)
         most = self._most(headers)
 
         async def watching(message: Message) -> None:
-            nonlocal answered
-            answered = True
+            nonlocal responded
+            responded = True
             await send(message)
 
         async def counting() -> Message:
-            nonlocal received, whole
-            if whole or answered:  # only the end of the connection, or unexpected data, can follow
+            nonlocal received, complete
+            if complete or responded:  # only the end of the connection, or unexpected data, can follow
                 return await receive()
             try:
                 async with asyncio.timeout(min(self._limits.stall_seconds, end - loop.time())):
                     message = await receive()
             except TimeoutError:
-                if answered:
+                if responded:
                     return {"type": "http.disconnect"}
                 raise BodyRefused(UploadTooSlowError("the request's body took too long to arrive")) from None
-            came = len(message.get("body", b""))
-            received += came
-            self._held += came
-            whole = not message.get("more_body", False)
+            size = len(message.get("body", b""))
+            received += size
+            self._buffered += size
+            complete = not message.get("more_body", False)
             if received > most:
                 raise BodyRefused(self._too_large(headers))
-            if self._held > self._limits.together:
-                raise BodyRefused(BusyError("too many bytes are being sent at a time", RETRY_SECONDS))
+            if self._buffered > self._limits.together:
+                raise BodyRefused(BusyError("the bodies of all present requests are too large together", RETRY_SECONDS))
             return message
 
         try:
             await self._app(scope, counting, watching)
         finally:
-            self._held -= received
+            self._buffered -= received
 
     def _refused(self, scope: Scope) -> UnbendError | None:
-        """Return the error of a body that is refused before it is read; None if it is accepted."""
+        """Return the error of a body that is refused before it is read; None to read it."""
         headers = Headers(scope=scope)
         announced = _announced(headers)
         if announced > self._most(headers):
@@ -111,9 +111,9 @@ class BodyLimit:
 class Framing:
     """ASGI middleware that refuses ambiguous framing, and closes connections with an unread body.
 
-    A body with both a length and a transfer encoding has two ends, and a proxy may choose the other one (RFC 9112,
-    section 6.3). After a response that does not wait for its body, the server would read and discard the rest for as
-    long as the client sends.
+    The end of a body with both a length and a transfer encoding is ambiguous: a proxy may choose a different end (RFC
+    9112, section 6.3). If a response does not wait for the whole body, the server would otherwise read and discard the
+    rest for as long as the client sends.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -139,7 +139,7 @@ class Framing:
                 MutableHeaders(scope=message)["Connection"] = "close"
             await send(message)
 
-        if refused := _doubt(scope["http_version"], headers):
+        if refused := _ambiguity(scope["http_version"], headers):
             await answer(refused, {"Connection": "close"})(scope, receive, send)
             return
         await self._app(scope, reading, closing)
@@ -154,11 +154,13 @@ def _is_upload(headers: Headers) -> bool:
     return headers.get("content-type", "").lower().startswith("multipart/form-data")
 
 
-def _doubt(version: str, headers: Headers) -> Problem | None:
+def _ambiguity(version: str, headers: Headers) -> Problem | None:
     if version not in {"1.0", "1.1"}:
         return of_status(505, "this server speaks HTTP/1.1")
     if "transfer-encoding" in headers and ("content-length" in headers or version == "1.0"):
-        return of_status(400, "the request has two different ends of its body")
+        return of_status(
+            400, "the end of the request's body is ambiguous: Transfer-Encoding with Content-Length, or in HTTP/1.0"
+        )
     return None
 
 

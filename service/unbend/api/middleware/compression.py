@@ -21,9 +21,9 @@ _JSON: Final = ("application/json", "application/problem+json")
 
 
 class Compression:
-    """ASGI middleware that compresses JSON responses of one message; this service sends no others.
+    """ASGI middleware that compresses JSON responses that are sent in one message, as this service sends them.
 
-    Responses with an ETag are not compressed, because the tag stands for their exact bytes.
+    Responses with an ETag are not compressed, because an ETag identifies their exact bytes.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -31,7 +31,7 @@ class Compression:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, and compress its response if the client accepts gzip."""
-        if scope["type"] != "http" or not _takes_gzip(Headers(scope=scope)):
+        if scope["type"] != "http" or not _accepts_gzip(Headers(scope=scope)):
             await self._app(scope, receive, send)
             return
         start: Message | None = None
@@ -43,7 +43,7 @@ class Compression:
                 return
             if start is not None:
                 begun, start = start, None
-                if not message.get("more_body", False) and _is_worth_it(begun, message.get("body", b"")):
+                if not message.get("more_body", False) and _is_compressible(begun, message.get("body", b"")):
                     message = await _compressed(begun, message)
                 await send(begun)
             await send(message)
@@ -62,13 +62,13 @@ async def _compressed(start: Message, message: Message) -> Message:
     return {**message, "body": packed}
 
 
-def _is_worth_it(start: Message, body: bytes) -> bool:
+def _is_compressible(start: Message, body: bytes) -> bool:
     headers = Headers(raw=start["headers"])
     kind = headers.get("content-type", "").partition(";")[0]
     return len(body) > _SMALL and kind in _JSON and not {"content-encoding", "etag"} & set(headers)
 
 
-def _takes_gzip(headers: Headers) -> bool:
+def _accepts_gzip(headers: Headers) -> bool:
     for part in headers.get("accept-encoding", "").lower().split(","):
         name, _, weight = part.partition(";")
         if name.strip() == "gzip":

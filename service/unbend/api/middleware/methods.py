@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _METHODS: Final = ("GET", "POST", "PUT", "PATCH", "DELETE")
 HEAD: Final = "unbend.head"
-"""Key in the ASGI scope of a GET that serves a HEAD: routes may then leave out an expensive body."""
+"""Key in the ASGI scope of a GET that serves a HEAD: routes may then omit an expensive body."""
 
 _ROUTED: Final = ("route", "endpoint", "path_params")
 """Keys that routing adds to a scope, which logs and metrics read."""
@@ -21,8 +21,8 @@ _ROUTED: Final = ("route", "endpoint", "path_params")
 class Methods:
     """ASGI middleware around the routes.
 
-    HEAD is routed as GET (RFC 9110, section 9.3.2), and the server leaves the body out. OPTIONS and unknown methods
-    get the methods of all routes of the path, because each route knows only its own.
+    HEAD is routed as GET (RFC 9110, section 9.3.2), and the server omits the body. The Allow header of OPTIONS
+    and 405 responses has the methods of all routes of the path, because each route knows only its own methods.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -41,13 +41,13 @@ class Methods:
             await self._app(scope, receive, _allowing({**scope}, send))  # a copy, because routes change the scope
 
     async def _head(self, scope: Scope, receive: Receive, send: Send) -> None:
-        asked = {**scope, "method": "GET", HEAD: True}
+        as_get = {**scope, "method": "GET", HEAD: True}
 
         async def noting(message: Message) -> None:
-            scope.update({name: asked[name] for name in _ROUTED if name in asked})
+            scope.update({name: as_get[name] for name in _ROUTED if name in as_get})
             await send(message)
 
-        await self._app(asked, receive, _allowing(scope, noting))
+        await self._app(as_get, receive, _allowing(scope, noting))
 
 
 def _allowing(scope: Scope, send: Send) -> Send:

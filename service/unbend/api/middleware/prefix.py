@@ -1,4 +1,4 @@
-"""The path prefix of the service behind a proxy, such as /shapes, whether or not the proxy removes it."""
+"""The path prefix of a service behind a proxy, such as /shapes, whether or not the proxy removes the prefix."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ASSETS: Final = "/docs-assets"
 
 
 class Prefix:
-    """ASGI middleware that removes the prefix from paths, and adds it to `Location`; outermost of all."""
+    """ASGI middleware that removes the prefix from paths, and adds it to `Location`; the outermost middleware."""
 
     def __init__(self, app: ASGIApp, prefix: str) -> None:
         self._app = app
@@ -29,7 +29,7 @@ class Prefix:
         if path.startswith(f"{ASSETS}/"):  # Starlette looks for mounted files below the prefix
             path = self._prefix + path
 
-        async def leading_back(message: Message) -> None:
+        async def adding_prefix(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 if headers.get("location", "").startswith("/"):
@@ -37,4 +37,4 @@ class Prefix:
             await send(message)
 
         # The pages of the API, and the OpenAPI document, read the prefix from the scope.
-        await self._app({**scope, "path": path, "root_path": self._prefix}, receive, leading_back)
+        await self._app({**scope, "path": path, "root_path": self._prefix}, receive, adding_prefix)

@@ -10,7 +10,7 @@ from typing import Final
 
 _MINUTE: Final = 60.0
 _MOST_CALLERS: Final = 10_000
-"""Buckets kept before full ones are evicted; a full bucket equals a new one."""
+"""Number of buckets from which full buckets are evicted. A full bucket equals a new one."""
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,14 @@ from unbend.api.server.metrics import Metrics
 
 logger = logging.getLogger("unbend.requests")
 
-_SANE: Final = re.compile(r"[A-Za-z0-9._:+/=@-]{1,128}")
+_VALID_ID: Final = re.compile(r"[A-Za-z0-9._:+/=@-]{1,128}")
 
 
-class Requests:
-    """ASGI middleware around all others except the prefix."""
+class RequestLogging:
+    """ASGI middleware that gives each request an id, logs it and records its metrics.
+
+    Only `Prefix` is outside this middleware, so that even refused requests are logged.
+    """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
@@ -56,7 +59,7 @@ class Requests:
 
 
 def _request_id(given: str | None) -> str:
-    return given if given and _SANE.fullmatch(given) else uuid.uuid4().hex
+    return given if given and _VALID_ID.fullmatch(given) else uuid.uuid4().hex
 
 
 def _log(scope: Scope, status: int | None, seconds: float) -> None:

@@ -16,10 +16,10 @@ from unbend.heap import give_back
 RETRY_SECONDS: Final = 5
 
 _CHUNK: Final = 2**16
-"""Chunk size. The server buffers a chunk until the client reads it, and gets no more until then."""
+"""Chunk size. The server buffers a chunk until the client reads it, and gets no other chunk until then."""
 
 _LARGE: Final = 2**23
-"""Response size from which returning memory to the system pays."""
+"""Bytes of large responses after which it is worthwhile to return memory to the system."""
 
 _QUIET_SECONDS: Final = 2.0
 
@@ -33,9 +33,9 @@ class ResponseBudget:
 
     def __init__(self, app: ASGIApp, together: int) -> None:
         self._app = app
-        self._together = together
-        self._held = 0
-        self._passed = 0
+        self._limit = together
+        self._unread = 0
+        self._sent = 0
         self._timer: asyncio.TimerHandle | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -55,9 +55,9 @@ class ResponseBudget:
             if refused:
                 return
             if start is not None:
-                if len(body) > _CHUNK and self._held + len(body) > self._together:
+                if len(body) > _CHUNK and self._unread + len(body) > self._limit:
                     refused = True
-                    busy = BusyError("too many bytes of responses wait for their clients", RETRY_SECONDS)
+                    busy = BusyError("too many bytes of earlier responses are still unread", RETRY_SECONDS)
                     await respond(busy)(scope, receive, send)
                     return
                 begun, start = start, None
@@ -75,13 +75,13 @@ class ResponseBudget:
         if size <= _CHUNK:
             yield
             return
-        self._held += size
-        self._passed += size
+        self._unread += size
+        self._sent += size
         try:
             yield
         finally:
-            self._held -= size
-            if self._passed > _LARGE:
+            self._unread -= size
+            if self._sent > _LARGE:
                 self._give_back_soon()
 
     def _give_back_soon(self) -> None:
@@ -89,5 +89,5 @@ class ResponseBudget:
             self._timer.cancel()
         loop = asyncio.get_running_loop()
         self._timer = loop.call_later(_QUIET_SECONDS, loop.run_in_executor, None, give_back)
-        if not self._held:
-            self._passed = 0
+        if not self._unread:
+            self._sent = 0

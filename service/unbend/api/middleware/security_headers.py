@@ -38,10 +38,10 @@ class SecurityHeaders:
 
         async def adding(message: Message) -> None:
             if message["type"] == "http.response.start":
-                there = {name for name, _ in message["headers"]}
-                message["headers"] = [*message["headers"], *(pair for pair in headers if pair[0] not in there)]
+                present = {name for name, _ in message["headers"]}
+                message["headers"] = [*message["headers"], *(pair for pair in headers if pair[0] not in present)]
                 if scope["path"] in _PAGES:
-                    begun.append(message)  # sent with the body, whose scripts the policy names
+                    begun.append(message)  # sent later, because the policy contains hashes of the body's scripts
                     return
             elif begun:
                 page = begun.pop()

@@ -1,1 +1,1 @@
-"""The endpoints, one module for each kind of resource, and what they share."""
+"""The endpoints, one module for each kind of resource, and their common helpers."""

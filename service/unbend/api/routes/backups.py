@@ -34,7 +34,7 @@ _DESCRIBED: Final[dict[int | str, dict[str, Any]]] = {
 async def make_backup(service: ServiceDependency) -> FileResponse:
     """Make a backup of the whole library, check it, and send it; `unbend restore` restores it.
 
-    The backup contains everything: files, jobs, and hashes of API keys. Only one is made at a time.
+    The backup contains everything: files, jobs, and hashes of API keys. Only one backup is made at a time.
     """
     if service.backing_up.locked():
         raise BusyError("another backup is being made", _RETRY_SECONDS)

@@ -1,4 +1,4 @@
-"""Downloads: their format, conditional requests, ranges, and streaming from the store."""
+"""Downloads: formats, conditional requests, ranges, and streaming from the store."""
 
 from __future__ import annotations
 
@@ -60,17 +60,17 @@ _QUALITY: Final = re.compile(r"0(\.\d{0,3})?|1(\.0{0,3})?")
 def choose_format(
     request: Request, wanted: str | None, default: str, served: tuple[str, ...] = get_args(Format)
 ) -> str:
-    """Return the requested format, or `default` without a request; raise 406 if no requested format is available."""
+    """Return the requested format, `default` if none is requested; raise 406 if no requested format is available."""
     if wanted:
         return wanted
-    asked = ", ".join(request.headers.getlist("accept"))
-    if not asked.strip():
+    accepted = ", ".join(request.headers.getlist("accept"))
+    if not accepted.strip():
         return default
-    ranges = _ranges(asked)
-    names = dict.fromkeys((default, *served))  # the first of equal weights wins
+    ranges = _ranges(accepted)
+    names = dict.fromkeys((default, *served))  # of equal weights, the first counts
     best = max(names, key=lambda name: _quality(ranges, name, default))
     if not _quality(ranges, best, default):
-        raise HTTPException(406, f"formats served are {', '.join(MEDIA_TYPES[name] for name in names)}")
+        raise HTTPException(406, f"the available formats are {', '.join(MEDIA_TYPES[name] for name in names)}")
     return best
 
 
@@ -89,7 +89,7 @@ def _quality(ranges: Mapping[str, float], name: str, default: str) -> float:
     """Return the weight of a format: the weight of the most specific range that matches."""
     media_type = MEDIA_TYPES[name]
     within = [media_type, f"{media_type.partition('/')[0]}/*", _ANY]
-    if name == default:  # the response to a client that accepts any bytes
+    if name == default:  # a client that accepts any bytes gets the default
         within.insert(1, _BYTES)
     return next((ranges[each] for each in within if each in ranges), 0.0)
 
@@ -127,7 +127,7 @@ def file_response(data: bytes, file_type: str, name: str) -> Response:
 
 
 _CHUNK: Final = 2**18
-"""Bytes of a file in memory for each client."""
+"""Bytes of a file that are in memory at a time, for each client."""
 
 _RANGE: Final = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
 
@@ -138,17 +138,17 @@ Read = Callable[[int, int], bytes]
 def send_file(request: Request, read: Read, size: int, sha256: str, headers: dict[str, str]) -> Response:
     """Return a response that streams a file, or the requested range, as fast as the client reads.
 
-    If the file is removed meanwhile, the connection closes before the announced length.
+    If the file is removed meanwhile, the connection closes before all bytes are sent.
     """
     tag = f'"{sha256}"'
     headers = headers | {"ETag": tag, "Accept-Ranges": "bytes"}
     if is_known(request.headers, tag):
         return Response(status_code=304, headers={"ETag": tag})
-    asked = _range(request, size, tag)
-    if asked is None:
+    part = _range(request, size, tag)
+    if part is None:
         status, begin, end = 200, 0, size
     else:
-        status, (begin, end) = 206, asked
+        status, (begin, end) = 206, part
         if begin >= end:
             return Response(status_code=416, headers={"Content-Range": f"bytes */{size}"})
         headers["Content-Range"] = f"bytes {begin}-{end - 1}/{size}"
@@ -166,7 +166,7 @@ async def _chunks(read: Read, begin: int, end: int) -> AsyncIterator[bytes]:
 
 
 def _range(request: Request, size: int, tag: str) -> tuple[int, int] | None:
-    """Return the requested range of bytes, an empty one if it is outside the file, and None for the whole file."""
+    """Return the requested range of bytes; None for the whole file. A range outside the file has no bytes."""
     found = _RANGE.fullmatch(request.headers.get("range", "").strip())
     if not found or found[1] == found[2] == "" or request.headers.get("if-range", tag) != tag:
         return None  # for several ranges or other units, the whole file is a valid response

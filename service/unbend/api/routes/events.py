@@ -24,7 +24,7 @@ HEADERS: Final = {"X-Accel-Buffering": "no"}
 
 _ROUND: Final = 1_000_000
 _STEP: Final = 100_000
-_SHARES: Final = 10_000  # the worker reports progress to four places
+_SHARES: Final = 10_000  # steps of progress
 _QUEUED, _ENDED = len(STAGES), len(STAGES) + 1
 
 
@@ -63,25 +63,25 @@ class EventStream(StreamingResponse):
 
 
 def event_id(job: JobRecord) -> int:
-    """Return a number that is equal only for equal state, stage and progress.
+    """Return a number that is equal only for equal state, stage and progress, to four places.
 
-    It depends only on stored and reported values, so that it keeps its meaning on the next server: the millions count
-    attempts, the hundred thousands the step (a stage, queued or ended), and the rest is the progress. It grows, unless
-    a stopping server takes an attempt back.
+    The number depends only on stored and reported values, so that the next server can use it too. The millions count
+    attempts and restarts, the hundred thousands are the step (a stage, queued or ended), and the rest is the progress.
+    The number grows, unless a stopping server takes an attempt back.
     """
     step = _ENDED if job.finished else _QUEUED if job.state == "queued" else STAGES.index(job.stage)
     return (job.attempts + job.restarts) * _ROUND + step * _STEP + round(job.progress * _SHARES)
 
 
 def parse_id(text: str | None) -> int | None:
-    """Return the number in a `Last-Event-ID` header; None if it is not one of ours."""
+    """Return the number in a `Last-Event-ID` header; None if it is not an id of `event_id`."""
     return int(text) if text and text.isascii() and text.isdecimal() and len(text) <= 18 else None
 
 
 async def events(
     runner: JobRunner, job_id: str, last: int | None, *, heartbeat: float = HEARTBEAT_SECONDS
 ) -> AsyncIterator[str]:
-    """Yield the events of a job, except the `last` one, until the job ends or the server stops."""
+    """Yield the events of a job, except the event `last`, until the job ends or the server stops."""
     yield f"retry: {RETRY_MILLISECONDS}\n\n"
     sent_at = time.monotonic()
     async for job in runner.follow(job_id):

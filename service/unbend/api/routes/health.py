@@ -15,7 +15,7 @@ router = APIRouter(tags=["health"])
 
 @router.get("/livez", responses=problem_responses(503))
 async def livez(service: ServiceDependency) -> Health:
-    """Respond 200 while the server takes jobs from the queue; otherwise it should be restarted."""
+    """Respond 200 while the server claims jobs from the queue; otherwise it should be restarted."""
     if not service.runner.alive:
         raise HTTPException(503, "the dispatcher has died")
     return Health()
@@ -25,7 +25,7 @@ async def livez(service: ServiceDependency) -> Health:
 async def readyz(service: ServiceDependency) -> Health:
     """Respond 200 while the server accepts uploads: the workers are ready, and the library can be written."""
     if not service.runner.ready:
-        raise HTTPException(503, "the workers are loading their kernels")
+        raise HTTPException(503, "the workers are not ready")
     try:
         service.library.check_writable()
     except StoreError as error:
@@ -45,7 +45,7 @@ async def capacity(service: ServiceDependency) -> Capacity:
 @router.get(
     "/metrics",
     response_class=Response,
-    responses={200: {"description": "Figures.", "content": {"text/plain": {"schema": {"type": "string"}}}}},
+    responses={200: {"description": "The metrics.", "content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(service: ServiceDependency) -> Response:
     """Return metrics of load, jobs, requests and the process in the format of Prometheus."""

@@ -127,7 +127,9 @@ async def get_job(
             "description": "Server-Sent Events: `id` numbers the progress, `data` is the job as one line of JSON.",
             "content": {EventStream.media_type: {"schema": EVENT_SCHEMA}},
         },
-        204: {"description": "The job has ended, and the client knows it by `Last-Event-ID`: do not reconnect."},
+        204: {
+            "description": "The job has ended, and the client has its last event by `Last-Event-ID`: do not reconnect."
+        },
         **problem_responses(404, 422, 503),
     },
 )
@@ -136,12 +138,12 @@ async def follow_job(
     request: Request,
     job_id: JobId,
     last_event_id: Annotated[
-        str | None, Header(description="The `id` of the last event that the client received: it is not sent again.")
+        str | None, Header(description="The `id` of the last event that the client received, which is not sent again.")
     ] = None,
 ) -> Response:
     """Follow a job: an event at each change of state, stage or progress, at most four a second.
 
-    After the event of the ended job the stream closes. It also closes when the server stops: reconnect then.
+    After the event of the ended job the stream closes. It also closes when the server stops: then reconnect.
     """
     last = parse_id(last_event_id)
     record = must_see(request, await service.runner.status(job_id))

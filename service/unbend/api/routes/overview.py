@@ -1,4 +1,4 @@
-"""The library as a whole: its classes, the map of its shapes, and the evaluation of retrieval."""
+"""Overviews of the library: classes, the map of shapes, and the evaluation of retrieval."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unbend.signature.parameters import Parameters
 
 router = APIRouter(tags=["library"])
 
-MeasureQuery = Annotated[VectorMeasureName, Query(description="How signatures are compared.")]
+MeasureQuery = Annotated[VectorMeasureName, Query(description="Measure that compares the signatures.")]
 ParametersQuery = Annotated[
     ParametersText, Query(description="A JSON object; only shapes with these parameters take part.")
 ]
@@ -43,13 +43,16 @@ async def get_map(
     parameters: ParametersQuery = None,
     dimensions: Annotated[int, Query(ge=1, le=3)] = 2,
     limit: Annotated[
-        int, Query(ge=1, le=20_000, description="Most shapes on the map; of more, evenly chosen ones.")
+        int,
+        Query(
+            ge=1, le=20_000, description="Most shapes on the map. Of more shapes, a selection is shown, chosen evenly."
+        ),
     ] = MAP_LIMIT,
     distance: Annotated[
-        MapDistance, Query(description="Sum of absolute differences, or of squared ones as in the paper's D_M.")
+        MapDistance, Query(description="Sum of absolute differences, or of squared differences as in the paper's D_M.")
     ] = "l1",
 ) -> ShapeMap:
-    """Embed the stored shapes so that similar shapes are near each other, by their signatures and by their surfaces."""
+    """Embed the stored shapes so that similar shapes are near each other, by signature and, for comparison, surface."""
     chosen, wanted = _measure(measure), _parameters(parameters)
     options = MapOptions(dimensions, limit, distance)
     found = await service.runner.call(library_map, service.library.url, chosen, wanted, options, lane="large")
@@ -60,7 +63,7 @@ async def get_map(
 async def get_evaluation(
     service: ServiceDependency, measure: MeasureQuery = DEFAULT_MEASURE, parameters: ParametersQuery = None
 ) -> EvaluationResult:
-    """Query the library with every labelled shape, and report how well each finds its class."""
+    """Query the library with every labelled shape, and return how well the rankings find its class."""
     chosen, wanted = _measure(measure), _parameters(parameters)
     found = await service.runner.call(library_evaluation, service.library.url, chosen, wanted, lane="large")
     return EvaluationResult.model_validate({"measure": measure, **found})

@@ -49,7 +49,7 @@ class FileQuery(BaseModel):
     classifier: ClassifierName = Field(
         DEFAULT_CLASSIFIER, description="The rule that turns distances from shapes into distances from classes."
     )
-    k: int = Field(DEFAULT_K, ge=1, le=1000, description="Number of shapes in the ranking; all classes are in it.")
+    k: int = Field(DEFAULT_K, ge=1, le=1000, description="Number of shapes in the ranking. All classes are in it.")
     parameters: ParametersText = None
     policy: PolicyText = None
     callback: str = Field("", max_length=2000, description="A URL that is called when the job ends.")
@@ -78,7 +78,7 @@ _BODY = {
         200: {"links": shape_links("$response.body#/shapes/0/id")},
         202: {
             "model": Job,
-            "description": "The job that computes the ranking, which will be its `result`.",
+            "description": "The job that computes the ranking, which becomes the job's `result`.",
             "headers": LOCATION,
             "links": job_links("$response.body#/id"),
         },
@@ -108,8 +108,8 @@ async def query(
     raise MediaTypeError("multipart/form-data with a file", "application/json with a shape_id")
 
 
-async def _by_shape(service: Service, asked: ShapeQuery) -> Response:
-    ranking = await asyncio.to_thread(service.library.search.rank, asked.shape_id, _request(asked))
+async def _by_shape(service: Service, given: ShapeQuery) -> Response:
+    ranking = await asyncio.to_thread(service.library.search.rank, given.shape_id, _request(given))
     return JSONResponse(ranking.as_dict())
 
 
@@ -117,13 +117,13 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
     file = form.get("file")
     if not isinstance(file, UploadFile):
         raise _invalid(("body", "file"), "a file is required")
-    asked = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
-    query_request = _request(asked)
-    upload = await read_upload(file, asked.parameters, asked.policy)
-    sender, key = sender_of(request, upload, query_request, asked.callback), key_of(request)
+    given = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
+    query_request = _request(given)
+    upload = await read_upload(file, given.parameters, given.policy)
+    sender, key = sender_of(request, upload, query_request, given.callback), key_of(request)
     job = await service.runner.submit_query(upload, query_request, sender, key.most_jobs if key else None)
     record = await _waited(service, request, job, wait)
-    if not sender.idempotency and await request.is_disconnected():  # no client knows the job, or can ask for it
+    if not sender.idempotency and await request.is_disconnected():  # no client has the id of the job
         await service.runner.cancel(record.id)
     if record.state == "succeeded":
         return JSONResponse(record.result)
@@ -131,7 +131,7 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
 
 
 async def _waited(service: Service, request: Request, job: JobRecord, seconds: float) -> JobRecord:
-    """Wait up to `seconds` for a job, while the client is connected; not at all if too many requests wait."""
+    """Wait up to `seconds` for a job, while the client is connected; do not wait if too many requests wait."""
     if not seconds:
         return job
     try:
@@ -154,10 +154,10 @@ async def _disconnected(request: Request) -> None:
         pass
 
 
-def _request(asked: ShapeQuery | FileQuery) -> QueryRequest:
+def _request(given: ShapeQuery | FileQuery) -> QueryRequest:
     """Return the validated query; ParameterError names the field of the body."""
     try:
-        return QueryRequest(asked.measure, asked.classifier, asked.k)
+        return QueryRequest(given.measure, given.classifier, given.k)
     except ParameterError as error:
         error.field = f"body.{error.field}"
         raise

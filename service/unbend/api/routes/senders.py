@@ -1,4 +1,4 @@
-"""The senders of jobs: their API keys, the jobs that they may see, and idempotency keys."""
+"""The senders of jobs: their API keys, the jobs that they may access, and idempotency keys."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unbend.library.keys import KeyRecord
 from unbend.library.records import JobRecord
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload, kind_of
 
-_SANE: Final = re.compile(r"[\x21-\x7e]{1,255}")
+_VALID_NAME: Final = re.compile(r"[\x21-\x7e]{1,255}")
 
 IdempotencyKey = Annotated[
     str | None,
@@ -37,7 +37,7 @@ def key_of(request: Request) -> KeyRecord | None:
 
 
 def owner_of(request: Request) -> str | None:
-    """Return the owner of the jobs that a request may see; None for all jobs."""
+    """Return the owner of the jobs that a request may access; None for all jobs."""
     key = key_of(request)
     return None if key is None or key.scope == "admin" else key.id
 
@@ -50,7 +50,7 @@ def may_see(owner: str | None, job: JobRecord) -> bool:
 def must_see(request: Request, job: JobRecord) -> JobRecord:
     """Return a job; NotFoundError if it belongs to another key."""
     if not may_see(owner_of(request), job):
-        raise NotFoundError(f"no job {job.id}: there is none, or it ended long ago and was deleted")
+        raise NotFoundError(f"no job {job.id}; it may have ended long ago and been deleted")
     return job
 
 
@@ -69,17 +69,17 @@ def sender_of(
     key = key_of(request)
     owner = key.id if key else None
     name = request.headers.get("idempotency-key")
-    told = check_callback(callback, service_of(request).settings.webhook_plan) if callback else None
+    webhook = check_callback(callback, service_of(request).settings.webhook_plan) if callback else None
     if name is None:
-        return Sender(owner, callback=told)
-    if not _SANE.fullmatch(name):
+        return Sender(owner, callback=webhook)
+    if not _VALID_NAME.fullmatch(name):
         raise ParameterError("Idempotency-Key must have 1 to 255 visible characters of ASCII")
     key_of_upload = upload.key
     sent = [
         kind_of(job_request), callback, key_of_upload.sha256, key_of_upload.parameters, key_of_upload.policy,
         upload.file_type, job_request.as_dict(),
     ]  # fmt: skip
-    return Sender(owner, _hash([owner, name]), _hash(sent), told)
+    return Sender(owner, _hash([owner, name]), _hash(sent), webhook)
 
 
 def _hash(value: object) -> str:

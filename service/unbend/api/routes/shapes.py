@@ -36,7 +36,14 @@ from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import Service, ServiceDependency, service_of
 from unbend.geodesics.distances import Update
 from unbend.jobs.runner import Lane
-from unbend.jobs.worker import StoredMesh, convert, flattened, geodesic_floats, geodesics_from, whole_form
+from unbend.jobs.worker import (
+    StoredMesh,
+    canonical_form_file,
+    convert,
+    flattened,
+    geodesic_floats,
+    geodesics_from,
+)
 from unbend.library import records
 from unbend.library.jobs import Sender
 from unbend.library.records import ShapeRecord
@@ -47,16 +54,16 @@ from unbend.signature.export import export_signature
 router = APIRouter(prefix="/shapes", tags=["shapes"])
 
 IfMatch = Annotated[
-    str | None, Header(description="The ETag of the record when it was read: 412 if it has changed since.")
+    str | None, Header(description="The ETag of the record when it was read; 412 if the record has changed since.")
 ]
 
 
 _SMALL_FILE: Final = 2**21
-"""Largest file that is converted or measured within seconds."""
+"""Largest file whose conversion or distances take only seconds."""
 
 _AS_JOB: Final[dict[str, Any]] = {
     "model": Job,
-    "description": "With `Prefer: respond-async`: the job that makes the file, for `/jobs/{job_id}/file`.",
+    "description": "With `Prefer: respond-async`: the job that makes the file. Download it from `/jobs/{job_id}/file`.",
     "headers": LOCATION,
 }
 
@@ -90,22 +97,22 @@ async def upload_shape(
     service: ServiceDependency,
     request: Request,
     file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
-    name: Annotated[str, Form(max_length=MAX_TEXT, description="The file's own by default.")] = "",
-    label: Annotated[str, Form(max_length=MAX_TEXT, description="The class it is known to belong to.")] = "",
+    name: Annotated[str, Form(max_length=MAX_TEXT, description="Name of the shape; that of the file by default.")] = "",
+    label: Annotated[str, Form(max_length=MAX_TEXT, description="The known class of the shape.")] = "",
     metadata: Annotated[MetadataText, Form()] = None,
     parameters: Annotated[ParametersText, Form()] = None,
     policy: Annotated[PolicyText, Form()] = None,
     if_known: Annotated[
         IfKnown,
-        Form(description="Whether a known shape keeps its name, label and metadata, or takes the new ones."),
+        Form(description="Whether a stored shape keeps its name, label and metadata, or takes the new ones."),
     ] = "keep",
     callback: Annotated[str, Form(max_length=2000, description="A URL that is called when the job ends.")] = "",
     idempotency_key: IdempotencyKey = None,  # noqa: ARG001  `sender_of` reads it
 ) -> Response:
-    """Store a mesh and have its signature computed.
+    """Store a mesh and compute its signature.
 
-    The response is the job that computes it; the job is durable by then. If the same bytes are stored already, with
-    the same parameters and policy, the response is that shape, and `ignored` names the fields that it did not take.
+    The response is the durable job that computes the signature. If the same bytes are stored already, with the same
+    parameters and policy, the response is the stored shape, and `ignored` names the fields that it did not take.
     """
     refuse_others("body", await request.form(), _FIELDS)
     given = {"name": name or None, "label": label or None, "metadata": parse_metadata(metadata)}
@@ -163,7 +170,7 @@ async def get_shape(request: Request, shape_id: ShapeId) -> Response:
 
 
 def _render(record: ShapeRecord) -> tuple[bytes, str]:
-    """Return the response for a shape, and its ETag, so that both are cached."""
+    """Return the response for a shape, and its ETag; both are cached together."""
     return Shape.of(record).model_dump_json().encode(), etag_of(record)
 
 
@@ -181,7 +188,7 @@ async def change_shape(
     response: Response,
     shape_id: ShapeId,
     changes: ShapeChanges,
-    if_match: IfMatch = None,  # noqa: ARG001  for the document: all headers of this name count
+    if_match: IfMatch = None,  # noqa: ARG001  only for OpenAPI: a request may have several such headers
 ) -> Shape:
     """Change a shape's name, label or metadata."""
     wanted = changes.model_dump(exclude_unset=True)
@@ -221,7 +228,7 @@ async def get_mesh(
 ) -> Response:
     """Download the uploaded file byte for byte, or the mesh as it was read, converted to `format`.
 
-    The uploaded file supports a single `Range`, and its ETag never changes.
+    The uploaded file supports one `Range`. Its ETag never changes.
     """
     record = await asyncio.to_thread(service.library.shapes.get, shape_id)
     stored = record.file_type
@@ -255,7 +262,8 @@ async def get_signature(
         )
     signature = await asyncio.to_thread(service.library.shapes.signature, shape_id)
     if whole:
-        data = await service.runner.call(whole_form, stored_mesh(service, record), signature, wanted, lane="large")
+        mesh = stored_mesh(service, record)
+        data = await service.runner.call(canonical_form_file, mesh, signature, wanted, lane="large")
     else:
         data = await asyncio.to_thread(export_signature, signature, wanted)
     return file_response(data, wanted, f"{record.name}-{'form' if whole else 'signature'}")
@@ -333,7 +341,8 @@ def lane_of(record: ShapeRecord) -> Lane:
 async def _respond_async(service: Service, request: Request, record: ShapeRecord, wanted: FileRequest) -> Response:
     """Return the response with the job that makes a file."""
     key = key_of(request)
-    job = await service.runner.submit_file(record, wanted, Sender(key.id if key else None))
+    sender, most_owned = Sender(key.id if key else None), key.most_jobs if key else None
+    job = await service.runner.submit_file(record, wanted, sender, most_owned)
     return await accepted(service, job, {"Preference-Applied": "respond-async"})
 
 

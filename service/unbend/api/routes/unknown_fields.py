@@ -16,13 +16,13 @@ _known: dict[int, frozenset[str]] = {}
 
 
 async def no_other_parameters(request: Request) -> None:
-    """Refuse query parameters that the route does not have with 422; a dependency of routes."""
+    """Respond 422 to query parameters that the route does not have; a dependency of routes."""
     if request.scope["query_string"]:
         refuse_others("query", request.query_params, _parameters(request.scope["route"]))
 
 
 def refuse_others(place: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Raise RequestValidationError that names the given fields that are not known."""
+    """Raise RequestValidationError if some of the given fields are not known."""
     others = [name for name in given if name not in known]
     if others:
         raise RequestValidationError(

@@ -1,4 +1,4 @@
-"""The fields of a multipart form as an `Upload` and its description."""
+"""The fields of an upload's multipart form, checked and converted."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from unbend.names import MAX_TEXT
 from unbend.signature.parameters import Parameters
 
 _MOST_TEXT: Final = 4 * MAX_METADATA_BYTES
-"""Longest text of metadata that is parsed: JSON may escape a character as six, and add spaces."""
+"""Longest metadata text that is parsed. With escapes and spaces, it may be longer than `MAX_METADATA_BYTES`."""
 
 
 async def read_upload(file: UploadFile, parameters: str | None, policy: str | None) -> Upload:
-    """Return the file's bytes, its format, its parameters and its policy.
+    """Return the upload: the file's bytes, its format, parameters and policy.
 
     Raises
     ------
     MeshFormatError
-        If the format is unknown. The file is not parsed here.
+        If the format is unknown. A worker parses the file later.
     ParameterError
         If the parameters or the policy are not JSON, or out of range.
     """

@@ -1,4 +1,4 @@
-"""Types of request fields with their schemas in OpenAPI.
+"""Types of request fields, with their schemas in OpenAPI.
 
 The schemas must match the values that the service accepts: tests/api/test_contract.py sends values from the schemas.
 """
@@ -28,11 +28,11 @@ EXAMPLE_ID: Final = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
 _ID: Final = {"type": "string", "pattern": "^[0-9a-f]{32}$", "examples": [EXAMPLE_ID]}
 
 Id = Annotated[str, WithJsonSchema(_ID)]
-"""Id of a shape or a job. A malformed id is not found, like any unknown id."""
+"""Id of a shape or a job. A malformed id gets 404, like any unknown id."""
 
-ShapeId = Annotated[str, Path(description="Of a stored shape."), WithJsonSchema(_ID)]
+ShapeId = Annotated[str, Path(description="Id of a stored shape."), WithJsonSchema(_ID)]
 
-JobId = Annotated[str, Path(description="Of a job."), WithJsonSchema(_ID)]
+JobId = Annotated[str, Path(description="Id of a job."), WithJsonSchema(_ID)]
 
 
 def _with(method: list[JsonValue], **then: JsonValue) -> JsonValue:
@@ -56,29 +56,37 @@ class ParametersFields(BaseModel):
     )
 
     samples: Annotated[int, Field(ge=4, le=MAX_SAMPLES)] | Literal["auto"] = Field(
-        300, description="Farthest point samples; `auto` doubles them until the spectrum moves by `tolerance` at most."
+        300,
+        description="Farthest point samples; `auto` doubles them until the spectrum changes by `tolerance` at most.",
     )
     dimensions: Annotated[int, Field(ge=1, le=MAX_DIMENSIONS)] | Literal["auto"] = Field(
-        3, description="Of the signature's space; `auto` is the fewest within `threshold` by `criterion`."
+        3,
+        description="Dimensions of the signature; `auto` chooses the fewest whose `criterion` is at most `threshold`.",
     )
     method: Method = Field("least_squares", description="How samples are embedded.")
     update: Update = Field("spherical", description="How fast marching crosses a triangle.")
-    scaling: Scaling = Field("area", description="What is made 1.")
+    scaling: Scaling = Field("area", description="Quantity that is scaled to 1.")
     first_sample: FirstSample = Field("end", description="Where sampling begins; `seed` draws a `random` vertex.")
     starts: int = Field(0, ge=0, le=MAX_STARTS, description="Further random starts of least squares.")
-    seed: int = Field(0, ge=0, le=MAX_SEED, description="Of all that is random.")
-    weights: Weighting = Field("equal", description="Of pairs in the stress: 1, 1/d, 1/d^2, or by area.")
-    criterion: Criterion = Field("error", description="What `threshold` bounds: eq. 6, or the stress of eq. 2.")
-    threshold: float = Field(0.05, gt=0, lt=1, description="For `dimensions` `auto`.")
-    tolerance: float = Field(0.02, gt=0, lt=1, description="For `samples` `auto`: share of the spectrum.")
+    seed: int = Field(0, ge=0, le=MAX_SEED, description="Seed of all random choices.")
+    weights: Weighting = Field("equal", description="Weights of pairs in the stress: 1, 1/d, 1/d^2, or by area.")
+    criterion: Criterion = Field(
+        "error", description="Quantity that `threshold` limits: eq. 6, or the stress of eq. 2."
+    )
+    threshold: float = Field(0.05, gt=0, lt=1, description="Limit of `criterion` if `dimensions` is `auto`.")
+    tolerance: float = Field(
+        0.02, gt=0, lt=1, description="If `samples` is `auto`: the share by which the spectrum may change."
+    )
 
 
 class PolicyFields(BaseModel):
-    """Policy of reading a file; missing fields have their defaults."""
+    """Policy for reading a file; missing fields have their defaults."""
 
     model_config = ConfigDict(extra="forbid")
 
-    components: Components = Field("largest", description="Of several: keep the largest, link them, or refuse.")
+    components: Components = Field(
+        "largest", description="Of several components: keep the largest, link all, or refuse the mesh."
+    )
     max_vertices: Annotated[int, Field(ge=FEWEST_VERTICES)] | None = Field(
         None, description="Simplify a mesh of more vertices."
     )
@@ -94,10 +102,10 @@ def _inline(model: type[BaseModel], description: str) -> dict[str, Any]:
 
 _PARAMETERS: Final = _inline(ParametersFields, "Parameters of the signature, as a JSON object.")
 _POLICY: Final = _inline(PolicyFields, "How to read the file, as a JSON object.")
-_METADATA: Final = {"type": "object", "description": "Anything, as a JSON object."}
+_METADATA: Final = {"type": "object", "description": "Any JSON object."}
 
 ParametersText = Annotated[str | None, WithJsonSchema(_PARAMETERS)]
-"""JSON text in a form: OpenAPI defines an object in a form as a part of the type application/json."""
+"""JSON text in a form. OpenAPI describes an object in a form as a part with the type application/json."""
 
 PolicyText = Annotated[str | None, WithJsonSchema(_POLICY)]
 
@@ -120,13 +128,13 @@ VectorMeasureName = Annotated[str, Field(json_schema_extra={"enum": list(VECTOR_
 ClassifierName = Annotated[str, Field(json_schema_extra={"enum": list(CLASSIFIERS)})]
 
 Whole = Annotated[int, BeforeValidator(as_whole)]
-"""An integer in JSON, where 10.0 equals 10 (JSON Schema), but text and booleans are refused."""
+"""An integer in JSON. 10.0 equals 10 (JSON Schema); text and booleans are refused."""
 
 FEWER_PAIRS: Final[dict[str, Any]] = {
     "if": {"properties": {"measure": {"enum": list(PAIR_MEASURES)}}, "required": ["measure"]},
     "then": {"properties": {"k": {"maximum": MAX_PAIRS}}},
 }
-"""Condition on a query: measures of whole shapes allow fewer shapes."""
+"""Condition on a query: `k` has a lower maximum for measures of whole shapes."""
 
 FILE: Final = {
     "type": "string",

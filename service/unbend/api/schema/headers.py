@@ -1,4 +1,4 @@
-"""Headers of responses: those of every response, and the documentation of others in OpenAPI."""
+"""Headers of responses: the security headers, and the documentation of other headers in OpenAPI."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ALWAYS: Final = {
 ETAG: Final = {"ETag": {"description": "Differs after each change.", "required": True, "schema": {"type": "string"}}}
 LOCATION: Final = {
     "Location": {
-        "description": "Where the job is.",
+        "description": "Path of the job.",
         "required": True,
         "schema": {"type": "string", "format": "uri-reference"},
     }
@@ -24,7 +24,7 @@ DISPOSITION: Final = {
     "Content-Disposition": {"description": "The file's name.", "required": True, "schema": {"type": "string"}},
     "Vary": {"description": "Accept chooses the format.", "required": True, "schema": {"type": "string"}},
 }
-"""OpenAPI documentation of the headers of records, jobs and files."""
+"""OpenAPI documentation of headers: `ETAG` of records, `LOCATION` of jobs, and `DISPOSITION` of files."""
 
 
 def headers_for(path: str) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""OpenAPI links from responses to the requests that may follow."""
+"""OpenAPI links from responses to possible next requests."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any, Final
 Links = dict[str, dict[str, Any]]
 
 _OF_SHAPES: Final = {
-    "get_shape": "Its record.",
-    "change_shape": "Change its name, label or metadata.",
-    "remove_shape": "Remove it.",
-    "get_mesh": "Its mesh.",
-    "get_signature": "Its signature.",
-    "get_flattening": "Its mesh with texture coordinates.",
-    "get_descriptors": "Its vectors.",
-    "get_geodesics": "Distances on it from its first vertex.",
+    "get_shape": "The record of the shape.",
+    "change_shape": "Change the shape's name, label or metadata.",
+    "remove_shape": "Remove the shape.",
+    "get_mesh": "The mesh of the shape.",
+    "get_signature": "The signature of the shape.",
+    "get_flattening": "The mesh with texture coordinates.",
+    "get_descriptors": "The descriptors of the shape.",
+    "get_geodesics": "Geodesic distances from the first vertex.",
 }
 _OF_JOBS: Final = {
-    "get_job": "Wait until it has ended.",
-    "follow_job": "Its events.",
-    "cancel_job": "Cancel it.",
+    "get_job": "Wait until the job has ended.",
+    "follow_job": "The events of the job.",
+    "cancel_job": "Cancel the job.",
 }
 _CONSTANTS: Final[dict[str, dict[str, Any]]] = {"get_geodesics": {"source": 0}, "get_job": {"wait": 30}}
 
@@ -30,7 +30,13 @@ def shape_links(place: str, *left_out: str) -> Links:
         operation: _link(operation, description, shape_id=place)
         for operation, description in _OF_SHAPES.items()
         if operation not in left_out
-    } | {"query": {"operationId": "query", "requestBody": {"shape_id": place}, "description": "What is like it."}}
+    } | {
+        "query": {
+            "operationId": "query",
+            "requestBody": {"shape_id": place},
+            "description": "Shapes that are similar to the shape.",
+        }
+    }
 
 
 def job_links(place: str, *left_out: str) -> Links:
@@ -49,7 +55,7 @@ def next_page(operation: str) -> Links:
 
 def members_of_class() -> Links:
     """Return the link from the classes to the members of the first."""
-    return {"list_shapes": _link("list_shapes", "Its members.", label="$response.body#/items/0/label")}
+    return {"list_shapes": _link("list_shapes", "The members of the class.", label="$response.body#/items/0/label")}
 
 
 def _link(operation: str, description: str, **parameters: str) -> dict[str, Any]:

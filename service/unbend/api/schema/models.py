@@ -15,9 +15,9 @@ from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.names import MAX_TEXT
 
-_WARNINGS: Final = "Reasons why the result may be wrong, and what to do; mostly empty."
+_WARNINGS: Final = "Reasons why the result may be wrong, and what to do; usually empty."
 _IGNORED: Final = (
-    "Fields that came with the file, and that the stored shape did not take: `name`, `label`, `metadata`. To set them, "
+    "Fields of `name`, `label` and `metadata` that differ from the stored shape, which did not take them. To set them, "
     "send the file with `if_known=update`, or PATCH the shape."
 )
 _WARNING: Final = (
@@ -31,7 +31,7 @@ class Shape(BaseModel):
 
     id: Id
     name: str = Field(examples=["cat-03"])
-    label: str | None = Field(description="Its known class.", examples=["cat"])
+    label: str | None = Field(description="The known class of the shape.", examples=["cat"])
     metadata: dict[str, Any] = Field(examples=[{"scanner": "A", "year": 2026}])
     sha256: str = Field(description="Hash of the uploaded file.")
     size: int = Field(description="Size of the uploaded file in bytes.", examples=[20480])
@@ -48,10 +48,10 @@ class Shape(BaseModel):
     dimension: int | None = Field(
         description="Effective dimension, itself a bending invariant; null for signatures of version 4 or earlier."
     )
-    report: dict[str, Any] = Field(description="Findings and repairs of reading the mesh; `notes` in plain words.")
+    report: dict[str, Any] = Field(description="Findings and repairs while the mesh was read; `notes` are sentences.")
     warnings: list[str] = Field(description=_WARNINGS, examples=[[_WARNING]])
     created_at: datetime
-    updated_at: datetime = Field(description="Time of the last change of its name, label or metadata.")
+    updated_at: datetime = Field(description="Time of the last change of name, label or metadata.")
 
     @classmethod
     def of(cls, record: ShapeRecord) -> Self:
@@ -64,7 +64,9 @@ class KnownShape(Shape):
     """A stored shape whose file was sent again."""
 
     ignored: list[str] = Field(description=_IGNORED, examples=[["label"]])
-    updated: list[str] = Field(description="Fields that came with the file, and that the shape took.", examples=[[]])
+    updated: list[str] = Field(
+        description="Fields that differed from the stored shape, which took them.", examples=[[]]
+    )
 
     @classmethod
     def of_known(cls, known: records.KnownShape) -> Self:
@@ -82,11 +84,11 @@ class ShapePage(BaseModel):
 
 
 class ShapeChanges(BaseModel):
-    """Changes of a shape; missing members do not change."""
+    """Changes of a shape; missing fields do not change."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"label": "cat"}]})
 
-    # by factories, because a missing field has no value, and the document must not show a default
+    # Factories, because a missing field has no value, and OpenAPI must not show a default.
     name: str = Field(default_factory=str, min_length=1, max_length=MAX_TEXT)
     label: str | None = Field(default_factory=lambda: None, min_length=1, max_length=MAX_TEXT, examples=["cat"])
     metadata: dict[str, Any] = Field(default_factory=dict)
@@ -105,7 +107,7 @@ class ClassMatch(BaseModel):
 
     label: str = Field(examples=["cat"])
     distance: float = Field(
-        description="Distance by the classifier: that of the nearest member by default.", examples=[0.041]
+        description="Distance by the classifier; by default, the distance of the nearest member.", examples=[0.041]
     )
     confidence: float = Field(
         description="Probability of this class, if the query belongs to any of them.", examples=[0.97]
@@ -128,12 +130,12 @@ class Ranking(BaseModel):
     classes: list[ClassMatch]
     shapes: list[ShapeMatch]
     known: bool | None = Field(
-        description="Whether the query is as near to the best class as its members are to each other: if not, it may "
-        "be none of these. Null where the class has too few members to tell."
+        description="Whether the query is as near to the best class as its members are to each other. If not, it may "
+        "belong to no class of the library. Null if the class has a single member."
     )
     warnings: list[str] = Field(
         default_factory=list,  # rankings of earlier versions have none
-        description=f"Of the query. {_WARNINGS}",
+        description=f"Warnings about the query. {_WARNINGS}",
     )
 
 
@@ -151,11 +153,13 @@ class JobSummary(BaseModel):
         examples=[{"row": 120, "rows": 300, "seconds": 4.2}],
     )
     position: int | None = Field(description="Number of jobs before this one in the queue; null once it runs.")
-    attempts: int = Field(description="Number of attempts; a lost process costs one.")
+    attempts: int = Field(description="Number of attempts. A job whose process died is attempted again.")
     error: JobError | None
-    shape_id: Id | None = Field(description="The shape of a succeeded upload, or the shape that a file is made of.")
-    warnings: list[str] = Field(description=f"Of a succeeded job. {_WARNINGS}")
-    ignored: list[str] = Field(description=f"For an upload whose shape was stored meanwhile. {_IGNORED}")
+    shape_id: Id | None = Field(
+        description="The shape of a succeeded upload, or the shape of which the job makes a file."
+    )
+    warnings: list[str] = Field(description=f"Warnings about a succeeded job. {_WARNINGS}")
+    ignored: list[str] = Field(description=f"If the shape of an upload was stored meanwhile: {_IGNORED}")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
@@ -185,7 +189,7 @@ class JobList(BaseModel):
 class Forgotten(BaseModel):
     """The response to a deletion of jobs."""
 
-    forgotten: int = Field(description="How many jobs were forgotten.", examples=[1200])
+    forgotten: int = Field(description="Number of deleted jobs.", examples=[1200])
 
 
 class ShapeQuery(BaseModel):
@@ -218,8 +222,8 @@ class MapItem(BaseModel):
     id: Id
     name: str = Field(examples=["cat-03"])
     label: str | None = Field(examples=["cat"])
-    point: list[float] = Field(description="By its signature.", examples=[[0.4, -0.1]])
-    original: list[float] = Field(description="By its surface in space, for comparison.", examples=[[0.2, 0.3]])
+    point: list[float] = Field(description="Point by the signature.", examples=[[0.4, -0.1]])
+    original: list[float] = Field(description="Point by the surface in space, for comparison.", examples=[[0.2, 0.3]])
 
 
 class ShapeMap(BaseModel):
@@ -228,7 +232,7 @@ class ShapeMap(BaseModel):
     measure: str = Field(examples=[DEFAULT_MEASURE])
     stress: float = Field(description="Eq. 2 of the points: 0 if their distances equal those of the descriptors.")
     original_stress: float = Field(description="Eq. 2 of the originals.")
-    count: int = Field(description="Shapes that could be shown.")
+    count: int = Field(description="Number of shapes that `items` are chosen from.")
     items: list[MapItem]
 
 
@@ -270,13 +274,15 @@ class EvaluationResult(BaseModel):
     nn: float | None = Field(description="Nearest neighbour.")
     ft: float | None = Field(description="First tier.")
     st: float | None = Field(description="Second tier.")
-    e: float | None = Field(description="E-measure, of the first 32.")
+    e: float | None = Field(description="E-measure of the first 32 results.")
     dcg: float | None = Field(description="Discounted cumulative gain.")
     map: float | None = Field(description="Mean average precision.")
     accuracy: float = Field(
         description="Nearest neighbour over all shapes, including those that are alone in their class."
     )
-    queries: int = Field(description="Number of queries; in a very large library, evenly chosen shapes.")
+    queries: int = Field(
+        description="Number of queries. In a very large library, only some shapes are queries, chosen evenly."
+    )
     unanswered: int
     classes: list[ClassFigures]
     confusion: Confusion | None = Field(description="Null for more than 1000 classes.")
@@ -314,7 +320,7 @@ class Capacity(BaseModel):
     """The load of the service."""
 
     workers: int
-    running: int = Field(description="Running jobs, some of which wait for a process.")
+    running: int = Field(description="Number of claimed jobs, some of which wait for a worker.")
     queued: int
     max_queued: int
 

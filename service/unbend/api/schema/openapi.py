@@ -1,4 +1,4 @@
-"""The OpenAPI document: adds what holds for every request, and describes errors as problem documents."""
+"""The OpenAPI document: adds the headers and errors of every request, and describes errors as problem documents."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from unbend.api.schema.problems import Problem, problem_responses
 _KEY = {
     "type": "http",
     "scheme": "bearer",
-    "description": "A key from `unbend keys create`. A library without keys is open and needs none.",
+    "description": "A key from `unbend keys create`. A library without keys needs none.",
 }
 _REQUEST_ID = {
-    "description": "The id of the request if it has a valid one, otherwise a new one; log lines contain it too.",
+    "description": "The id that the request sent, if it is valid, otherwise a new id. Log lines contain it too.",
     "required": True,
     "schema": {"type": "string", "pattern": "^[A-Za-z0-9._:+/=@-]{1,128}$"},
 }

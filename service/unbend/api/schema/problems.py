@@ -1,4 +1,4 @@
-"""Errors as problem documents (RFC 9457), and the table of their HTTP statuses."""
+"""Errors as problem documents (RFC 9457), and their HTTP statuses."""
 
 from __future__ import annotations
 
@@ -82,19 +82,19 @@ class Problem(BaseModel):
 
 
 class MediaTypeError(HTTPException):
-    """The 415 for a body of a type that the endpoint does not accept."""
+    """The 415 response to a body of a type that the endpoint does not accept."""
 
     def __init__(self, *taken: str) -> None:
         super().__init__(415, f"send {' or '.join(taken)}")
 
 
-_ROUTING: Final = {404: "there is nothing at this address", 405: "what is at this address does not take {method}"}
+_ROUTING: Final = {404: "there is no resource at this path", 405: "the resource at this path does not support {method}"}
 """Messages that replace those of the router."""
 
-_FULL: Final = "the folder for temporary files has no room for the request's body"
+_FULL: Final = "the folder for temporary files has no space for the request's body"
 
 _SHOWN: Final = 10
-"""Most fields in a problem: a request may have thousands of invalid ones."""
+"""Most fields in a problem, because a request may have thousands of invalid fields."""
 
 _SHOWN_TEXT: Final = 100
 
@@ -192,7 +192,7 @@ async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
 async def _on_http(request: Request, error: Exception) -> JSONResponse:
     if not isinstance(error, HTTPException):
         raise error
-    if _is_full(error.__cause__) or _is_full(error.__context__):  # FastAPI reports that the body cannot be parsed
+    if _is_full(error.__cause__) or _is_full(error.__context__):  # FastAPI hides this behind a 400
         return respond(errors.TemporaryFullError(_FULL))
     title, status = _title(error.status_code), error.status_code
     detail = _ROUTING.get(status, "{}") if error.detail == title else "{}"
@@ -213,9 +213,9 @@ def _is_full(error: BaseException | None) -> bool:
 async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
     logger.error("a request failed with an unexpected error", exc_info=error)
     problem = Problem(
-        title=_title(500), status=500, detail="The service failed; its log says why.", code=errors.UnbendError.code
+        title=_title(500), status=500, detail="The service failed; its log has the cause.", code=errors.UnbendError.code
     )
-    # this response does not pass the middleware that adds them
+    # This response bypasses the middleware that adds these headers.
     return answer(problem, headers_for(request.url.path) | {REQUEST_ID: CURRENT_REQUEST.get() or ""})
 
 

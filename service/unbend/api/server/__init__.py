@@ -1,1 +1,1 @@
-"""The server process: settings, connections, logs, metrics, webhooks, and backups."""
+"""The server process: settings, connections, logs, metrics, traces, webhooks and backups."""

@@ -1,4 +1,4 @@
-"""Checks of host names: IP addresses, and addresses that only this machine can reach."""
+"""Checks of hosts: whether a host is an IP address, and whether only this machine can reach it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ipaddress import ip_address
 from typing import Final
 
 _MOST: Final = 1024
-"""Size of the cache: every request checks its host, and most hosts are equal."""
+"""Size of the cache. Every request checks its host, and most requests have the same hosts."""
 
 
 @lru_cache(_MOST)

@@ -24,7 +24,7 @@ from unbend.errors import ParameterError
 OTHER_VARIABLES: Final = frozenset(
     {"UNBEND_CONFIG", "UNBEND_API_KEY", "UNBEND_SHARED_DATA", "UNBEND_REQUIRE_SHARED"}
 )  # fmt: skip
-"""Variables with the prefix that are no settings: those of this module, the clients, and the tests."""
+"""Variables with the prefix that are not settings: those of the command line, the clients, and the tests."""
 
 TRACING: Final = ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http", "opentelemetry.instrumentation.asgi")
 """Packages of the extra `traces`."""
@@ -37,7 +37,7 @@ _LINK: Final = re.compile(
 _SECRET: Final = frozenset({"library", "traces"})  # URLs may contain a password
 
 Written = Callable[[str], str]
-"""Returns the name of a setting in its source: option, variable or key."""
+"""Returns the name of a setting as its source has it: an option, variable or key."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def without_password(library: str) -> str:
 
 
 def library_problem(url: str) -> str | None:
-    """Return why a library's file cannot be used, None if it can. Other databases are not checked."""
+    """Return the reason why a library's file cannot be used; None if there is none. Other databases are not checked."""
     try:
         parsed = make_url(url) if "://" in url else None
     except ArgumentError:
@@ -117,13 +117,13 @@ def library_problem(url: str) -> str | None:
         return None
     name = url if parsed is None else parsed.database or ":memory:"
     if name == ":memory:" or name.startswith("file:"):
-        return "the processes that compute must find it in a file, by its path"
+        return "it must be in a file, which worker processes can open"
     try:
         return _path_problem(Path(name))
     except OSError as error:
         return f"{error.filename}: {error.strerror}"
     except ValueError:  # a NUL character
-        return f"{name!r} is no path"
+        return f"{name!r} is not a path"
 
 
 def _path_problem(given: Path) -> str | None:
@@ -148,25 +148,25 @@ def _may(path: Path, mode: int) -> bool:
 def _is_installed(package: str) -> bool:
     try:
         return find_spec(package) is not None
-    except ModuleNotFoundError:  # not even its parent package
+    except ModuleNotFoundError:  # its parent package is not installed either
         return False
 
 
 def _open(path: Path | None) -> _File:
     if path and not path.is_file():  # pydantic ignores missing files
-        raise ParameterError(f"{path}: there is no such file of settings")
+        raise ParameterError(f"{path}: there is no such settings file")
     try:
         return _File(path, TomlConfigSettingsSource(Settings, path))
     except OSError as error:
         raise ParameterError(f"{path}: {error.strerror}") from None
     except (TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path}: this is not TOML: {error}") from None
+        raise ParameterError(f"{path}: not TOML: {error}") from None
 
 
 def _unknown_variables(environment: Mapping[str, str]) -> list[str]:
     known = {f"{ENVIRONMENT_PREFIX}{name.upper()}" for name in Settings.model_fields}
     return [
-        f"{name} is no setting{_nearest(name.upper(), known)}"
+        f"{name} is not a setting{_nearest(name.upper(), known)}"
         for name, value in sorted(environment.items())
         if name.upper().startswith(ENVIRONMENT_PREFIX)
         and name.upper() not in known | OTHER_VARIABLES
@@ -175,19 +175,19 @@ def _unknown_variables(environment: Mapping[str, str]) -> list[str]:
 
 
 def _nearest(name: str, known: Collection[str]) -> str:
-    """Return the end of a sentence that suggests the most similar known name."""
+    """Return the end of a sentence, which suggests the most similar known name."""
     bare = {each.removeprefix(ENVIRONMENT_PREFIX): each for each in known}
     found = get_close_matches(name.removeprefix(ENVIRONMENT_PREFIX), bare, n=1)
-    return f" ({bare[found[0]]} is)" if found else ""
+    return f"; did you mean {bare[found[0]]}?" if found else ""
 
 
 def _wrong_keys(file: _File) -> list[str]:
-    """Return the problems of unknown keys and of values with a wrong TOML type."""
+    """Return the problems of a file: unknown keys, and values with a wrong TOML type."""
     problems = []
     for key, value in file.values.items():
         field = Settings.model_fields.get(key)
         if field is None:
-            problems.append(f"{file.written(key)} is no setting{_nearest(key, Settings.model_fields)}")
+            problems.append(f"{file.written(key)} is not a setting{_nearest(key, Settings.model_fields)}")
             continue
         try:
             TypeAdapter[Any](field.annotation or object).validate_python(value, strict=True)

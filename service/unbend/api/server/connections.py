@@ -1,7 +1,7 @@
-"""Limits on connections: their number, and the time that clients take.
+"""Limits on connections: their number, and the time that clients may take.
 
-uvicorn leaves to a proxy how long a client may take to send the head of a request or to read a response, and how to
-close a connection whose client still sends. This server does it itself.
+uvicorn relies on a proxy to limit how long a client may take to send the head of a request or to read a response, and
+to close connections whose clients still send. This server does so itself.
 """
 
 from __future__ import annotations
@@ -24,20 +24,19 @@ from unbend.api.schema.headers import headers_for
 from unbend.api.schema.problems import answer, of_status
 
 LINGER_SECONDS: Final = 2.0
-"""Time for which a client that still sends may read its response before the connection closes."""
+"""Time that a client that still sends has to read its response before the connection closes."""
 
 RETRY_SECONDS: Final = 5
-"""Retry-After of a client that was refused because of too many connections."""
+"""Retry-After of a client that is refused because of too many connections."""
 
 HEAD_BYTES: Final = 2**14
 """Largest head of a request."""
 
-_GRACE_SECONDS: Final = (
-    1.0  # a head may take this long before its connection is evicted instead of one that sends a body
-)
+_GRACE_SECONDS: Final = 1.0
+"""Time for which an idle connection is not evicted if another connection sends a body."""
 
 _DETAILS: Final = {
-    400: "this is no request as HTTP has it",
+    400: "this is not a valid HTTP request",
     408: "the head of the request took too long",
     431: "the head of the request is too large",
     501: "this transfer encoding is not supported",
@@ -45,7 +44,7 @@ _DETAILS: Final = {
 }
 
 State = Literal["idle", "sending", "served"]
-"""The state of a connection: it waits for a head or is unused, receives a body, or waits for the server."""
+"""The state of a connection: it waits for the head of a request, receives a body, or waits for the server."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,11 @@ class EvictionQueue:
         self._idle.move_to_end(connection, last=False)
 
     def candidate(self, newcomer: Connection, now: float) -> Connection | None:
-        """Return the connection to evict: the longest idle, else that of the oldest body; None if all are served."""
+        """Return the connection to evict; None if there is none but the newcomer.
+
+        By default this is the longest idle connection. If that has been idle for less than `_GRACE_SECONDS`, a
+        connection that sends a body is evicted instead, the oldest first.
+        """
         idle, since = next(iter(self._idle.items()), (None, math.inf))
         sending = next(iter(self._sending), None)
         if sending and now - since < _GRACE_SECONDS:
@@ -97,13 +100,13 @@ class EvictionQueue:
 class Connection(H11Protocol):
     """uvicorn's connection, with limits.
 
-    - A late head closes it, with 408 if part of the head has arrived.
-    - A response that the client does not read in time closes it.
-    - If there are too many connections, each new one evicts one that waits for its client, so that idle connections
-      lock nobody out.
-    - A client that gets its response before it has sent everything has time to read it. Closing at once would make the
-      system answer further bytes with a reset, which can destroy the response.
-    - Anything but HTTP gets a problem document.
+    - The connection closes if a head arrives too late, with 408 if part of the head has arrived.
+    - The connection closes if the client does not read a response in time.
+    - If there are too many connections, each new connection evicts one that waits for its client, so that idle
+      connections do not lock out other clients.
+    - A client that gets a response before it has sent the whole request has time to read the response. If the server
+      closed at once, the system would respond to further bytes with a reset, which can destroy the response.
+    - Invalid HTTP gets a problem document.
     """
 
     limits: ClassVar[ConnectionLimits] = ConnectionLimits()
@@ -112,34 +115,34 @@ class Connection(H11Protocol):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._state: State = "served"
-        self._leaving = False
-        self._refused = False
-        self._patience = _Alarm(self.loop)
-        self._taking = _Alarm(self.loop)
+        self._is_closing = False
+        self._is_refused = False
+        self._client_timer = _Timer(self.loop)
+        self._read_timer = _Timer(self.loop)
 
     # Called by asyncio
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for a head, and evict another connection if there are too many."""
         self._raw = transport
-        super().connection_made(_Transport(transport, self._leave))
-        self._note()
+        super().connection_made(_Transport(transport, self._close_gently))
+        self._update_state()
         if len(self.connections) > self.limits.connections:
             self._evict_one()
 
     def data_received(self, data: bytes) -> None:
         """Process received data, unless the connection is closing."""
-        if self._leaving:
+        if self._is_closing:
             return
-        # The parser refuses an incomplete head that is longer, so feed it no more than that at a time.
+        # The parser refuses a longer incomplete head, so feed it at most HEAD_BYTES + 1 bytes at a time.
         taken = HEAD_BYTES + 1 - len(self.conn.trailing_data[0]) if self.conn.their_state is h11.IDLE else len(data)
         super().data_received(data[:taken])
-        if len(data) > taken and not self._leaving:
+        if len(data) > taken and not self._is_closing:
             super().data_received(data[taken:])
-        self._note()
+        self._update_state()
 
     def pause_writing(self) -> None:
-        """Make the application wait for the client, but not for ever."""
+        """Make the application wait for the client, for a limited time."""
         super().pause_writing()
         self._watch()
 
@@ -147,47 +150,48 @@ class Connection(H11Protocol):
         """Let the application continue."""
         super().resume_writing()
         if not self.transport.is_closing():
-            self._taking.cancel()
+            self._read_timer.cancel()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Remove the connection from the queue."""
         super().connection_lost(exc)
         self.queue.record(self, "served", 0.0)
-        self._patience.cancel()
-        self._taking.cancel()
+        self._client_timer.cancel()
+        self._read_timer.cancel()
 
     # Called by uvicorn
 
     def on_response_complete(self) -> None:
-        """Wait for the next head; uvicorn's keep-alive limit holds until its first byte."""
+        """Wait for the next head; uvicorn's keep-alive limit applies until its first byte."""
         super().on_response_complete()
-        self._note()
+        self._update_state()
 
-    def send_400_response(self, msg: str) -> None:  # noqa: ARG002  our message says more
+    def send_400_response(self, msg: str) -> None:  # noqa: ARG002  `_DETAILS` has better messages
         """Respond to invalid HTTP. uvicorn calls this for errors of the parser."""
         error = sys.exc_info()[1]
         self._refuse(error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400)
 
     # Waiting for the client
 
-    def _note(self) -> None:
+    def _update_state(self) -> None:
         """Record the present state, and limit the time of a partial head."""
         state: State = "served"
-        if self.conn.our_state in {h11.IDLE, h11.DONE}:  # DONE: the response is complete, but the request is not read
+        # DONE: the response is complete, but not the request.
+        if self.conn.our_state in {h11.IDLE, h11.DONE}:
             state = "idle"
         elif self.conn.their_state is h11.SEND_BODY:
             state = "sending"
-        if self._leaving:
+        if self._is_closing:
             return
         if state != self._state:
             self._state = state
             self.queue.record(self, state, self.loop.time())
         if state != "idle":
-            self._patience.cancel()
-        elif not (self._patience.is_set or self.timeout_keep_alive_task):
-            self._patience.set(self.limits.head_seconds, self._lose_patience)
+            self._client_timer.cancel()
+        elif not (self._client_timer.is_set or self.timeout_keep_alive_task):
+            self._client_timer.set(self.limits.head_seconds, self._on_client_timeout)
 
-    def _lose_patience(self) -> None:
+    def _on_client_timeout(self) -> None:
         if self.conn.our_state is h11.IDLE and self.conn.trailing_data[0]:
             self._refuse(408)
         else:
@@ -201,11 +205,11 @@ class Connection(H11Protocol):
             longest.evict()
 
     def evict(self) -> None:
-        """Close the connection in favour of another; a request under way gets a response."""
-        if self._state == "sending" and not self._leaving:
+        """Close the connection in favour of another; a client that sends a body gets a 503 response."""
+        if self._state == "sending" and not self._is_closing:
             self._refuse(503)
         else:
-            self.queue.record(self, "served", 0.0)  # at once, because many may arrive before asyncio reports the loss
+            self.queue.record(self, "served", 0.0)  # now, because others may arrive before asyncio reports the loss
             self._raw.abort()
 
     # Closing
@@ -213,7 +217,7 @@ class Connection(H11Protocol):
     def _refuse(self, status: int) -> None:
         """Respond with a problem to any request, and close."""
         cycle: RequestResponseCycle | None = self.cycle
-        if cycle and not cycle.response_complete:  # the application sees a disconnected client
+        if cycle and not cycle.response_complete:  # tell the application that the client has disconnected
             cycle.disconnected = True
             cycle.message_event.set()
         headers = headers_for("") | {REQUEST_ID: uuid.uuid4().hex, "Connection": "close"}
@@ -228,30 +232,30 @@ class Connection(H11Protocol):
         )
         with contextlib.suppress(h11.LocalProtocolError):  # a response has begun already
             self._raw.write(b"".join(self.conn.send(part) or b"" for part in sent))
-        self._refused = True
+        self._is_refused = True
         self.transport.close()
 
-    def _leave(self) -> None:
-        """Close once everything is sent; if the client still sends, shut down writing first, and read for a while."""
-        if self._leaving or self._raw.is_closing():
+    def _close_gently(self) -> None:
+        """Close when everything is sent. If the client still sends, shut down writing first, and read for a while."""
+        if self._is_closing or self._raw.is_closing():
             self._raw.close()
             return
-        self._leaving = True
-        self._patience.cancel()
+        self._is_closing = True
+        self._client_timer.cancel()
         self.queue.record_closing(self)
-        unread = self._refused or self.conn.their_state in {h11.SEND_BODY, h11.ERROR}
+        unread = self._is_refused or self.conn.their_state in {h11.SEND_BODY, h11.ERROR}
         if unread and self._raw.can_write_eof():
             with contextlib.suppress(OSError):  # the client has disconnected already
                 self._raw.write_eof()
             self._raw.resume_reading()
-            self._patience.set(LINGER_SECONDS, self._raw.abort)
+            self._client_timer.set(LINGER_SECONDS, self._raw.abort)
         else:
             self._raw.close()
-        if not self._taking.is_set:
+        if not self._read_timer.is_set:
             self._watch()
 
     def _watch(self) -> None:
-        """Check regularly that the client reads."""
+        """Abort the connection if the client stops reading, or reads for too long."""
         end = self.loop.time() + self.limits.transfer_seconds
 
         def look(before: int) -> None:
@@ -261,17 +265,17 @@ class Connection(H11Protocol):
             elif left:
                 again(left)
             else:
-                self._taking.cancel()
+                self._read_timer.cancel()
 
         def again(left: int) -> None:
-            self._taking.set(self.limits.stall_seconds, look, left)
+            self._read_timer.set(self.limits.stall_seconds, look, left)
 
         if left := self._raw.get_write_buffer_size():
             again(left)
 
 
 class _Transport(asyncio.Transport):
-    """uvicorn's transport, except for closing."""
+    """uvicorn's transport, with another way of closing."""
 
     def __init__(self, transport: asyncio.Transport, leave: Callable[[], None]) -> None:
         super().__init__()
@@ -299,7 +303,7 @@ class _Transport(asyncio.Transport):
         self._leave()
 
 
-class _Alarm:
+class _Timer:
     """A timer for one call."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:

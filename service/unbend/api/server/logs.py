@@ -14,28 +14,28 @@ LogFormat = Literal["text", "json"]
 
 
 class TextFormatter(logging.Formatter):
-    """Formats time, level, logger and message, and the ids in brackets."""
+    """Formats time, level, logger and message, followed by the ids in brackets."""
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802  logging's own name
         """Append the ids of the request and the job."""
-        about = " ".join(f"{name}={value}" for name, value in _about().items())
-        return super().formatMessage(record) + (f" [{about}]" if about else "")
+        ids = " ".join(f"{name}={value}" for name, value in _ids().items())
+        return super().formatMessage(record) + (f" [{ids}]" if ids else "")
 
 
 class JsonFormatter(logging.Formatter):
     """Formats a record as one line of JSON."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line."""
+        """Return a record as one line of JSON."""
         line: dict[str, Any] = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname,
             "logger": record.name,
             "message": record.getMessage(),
-            **_about(),
+            **_ids(),
             **getattr(record, "details", {}),
         }
         if record.exc_info:
@@ -58,6 +58,6 @@ def log_config(log_format: LogFormat) -> dict[str, Any]:
     }
 
 
-def _about() -> dict[str, str]:
+def _ids() -> dict[str, str]:
     values = {"request_id": CURRENT_REQUEST.get(), "job_id": CURRENT_JOB.get()}
     return {name: value for name, value in values.items() if value is not None}

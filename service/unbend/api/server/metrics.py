@@ -1,4 +1,4 @@
-"""Prometheus metrics of a server; every label has few values, whatever clients request."""
+"""Prometheus metrics of a server. Every label has few values, whatever clients request."""
 
 from __future__ import annotations
 
@@ -27,33 +27,33 @@ class Metrics(NoObserver):
     def __init__(self) -> None:
         self.registry = registry = CollectorRegistry()
         ProcessCollector(registry=registry)
-        Info("unbend_build", "The version that runs", registry=registry).info({"version": __version__})
-        self._queued = Gauge("unbend_jobs_queued", "Jobs that wait", registry=registry)
-        self._running = Gauge("unbend_jobs_running", "Jobs in hand", registry=registry)
-        self._workers = Gauge("unbend_workers", "Processes that compute", registry=registry)
+        Info("unbend_build", "The running version", registry=registry).info({"version": __version__})
+        self._queued = Gauge("unbend_jobs_queued", "Queued jobs", registry=registry)
+        self._running = Gauge("unbend_jobs_running", "Claimed jobs", registry=registry)
+        self._workers = Gauge("unbend_workers", "Worker processes", registry=registry)
         self._shapes = Gauge("unbend_library_shapes", "Shapes of the library", registry=registry)
         self._streams = Gauge("unbend_event_streams", "Open streams of job events", registry=registry)
-        self._writable = Gauge("unbend_library_writable", "1 where uploads can be stored, else 0", registry=registry)
+        self._writable = Gauge("unbend_library_writable", "1 if uploads can be stored, else 0", registry=registry)
         self._free = Gauge("unbend_disk_free_bytes", "Free bytes of a disk", ["disk"], registry=registry)
-        self._backup = Gauge("unbend_backup_timestamp_seconds", "When the last backup was made", registry=registry)
-        self._backup_failures = Counter("unbend_backup_failures", "Backups that could not be made", registry=registry)
+        self._backup = Gauge("unbend_backup_timestamp_seconds", "Time of the last backup", registry=registry)
+        self._backup_failures = Counter("unbend_backup_failures", "Failed backups", registry=registry)
         self._jobs = Counter(
-            "unbend_jobs", "Jobs that ended here; code: of the error", ["kind", "outcome", "code"], registry=registry
+            "unbend_jobs", "Ended jobs, by code of the error", ["kind", "outcome", "code"], registry=registry
         )
         self._job_seconds = Histogram(
-            "unbend_job_seconds", "From the beginning of a job to its end", ["kind", "outcome"],
+            "unbend_job_seconds", "Time from the start of a job to its end", ["kind", "outcome"],
             buckets=_JOB_BUCKETS, registry=registry,
         )  # fmt: skip
         self._wait_seconds = Histogram(
-            "unbend_job_wait_seconds", "From the upload to the beginning of the job", ["kind"],
+            "unbend_job_wait_seconds", "Time from the submission of a job to its start", ["kind"],
             buckets=_JOB_BUCKETS, registry=registry,
         )  # fmt: skip
         self._stage_seconds = Histogram(
-            "unbend_stage_seconds", "One stage of a computation that was done", ["stage"],
+            "unbend_stage_seconds", "Time of one stage of a computation", ["stage"],
             buckets=_JOB_BUCKETS, registry=registry,
         )  # fmt: skip
         self._http_seconds = Histogram(
-            "unbend_http_request_seconds", "From a request to the head of its answer", ["method", "route", "status"],
+            "unbend_http_request_seconds", "Time to the head of a response", ["method", "route", "status"],
             buckets=_HTTP_BUCKETS, registry=registry,
         )  # fmt: skip
 
@@ -89,15 +89,15 @@ class Metrics(NoObserver):
                 yield part
 
     async def text(self, runner: JobRunner, library: Library) -> bytes:
-        """Return all metrics, with the present state of the queue and the library."""
+        """Return all metrics, after updating those of the queue, the library and the disks."""
         self._queued.set(await runner.queued())
         self._running.set(runner.running)
         self._workers.set(runner.workers)
         self._shapes.set(await asyncio.to_thread(len, library))
-        await asyncio.to_thread(self._look_at_disks, library)
+        await asyncio.to_thread(self._update_disks, library)
         return await asyncio.to_thread(generate_latest, self.registry)
 
-    def _look_at_disks(self, library: Library) -> None:
+    def _update_disks(self, library: Library) -> None:
         self._free.labels("temporary").set(shutil.disk_usage(tempfile.gettempdir()).free)
         if library.disk:
             self._free.labels("library").set(library.disk.free())

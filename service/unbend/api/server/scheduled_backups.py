@@ -1,4 +1,4 @@
-"""Backups that a server makes at intervals, of which it keeps the newest."""
+"""Backups that a server makes at intervals. The server keeps only the newest backups."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RETRY_SECONDS: Final = 600.0
 
 @dataclass(frozen=True)
 class BackupPlan:
-    """The folder of backups, the hours between two, and the number to keep."""
+    """The folder of backups, the hours between two backups, and the number of backups to keep."""
 
     folder: Path
     hours: float
@@ -33,8 +33,8 @@ class BackupPlan:
 class ScheduledBackups:
     """Makes backups while the server runs; used within one event loop.
 
-    Existing backups count, so that restarts do not add more. A failed backup is retried after ten minutes, and earlier
-    ones stay.
+    The next backup is due `plan.hours` after the newest in the folder, so that a restart makes no additional backup. A
+    failed backup is retried after ten minutes, and no earlier backup is deleted.
     """
 
     def __init__(self, library: Library, plan: BackupPlan, metrics: Metrics) -> None:
@@ -48,23 +48,27 @@ class ScheduledBackups:
         self._task = asyncio.create_task(self._run(), name="unbend backups")
 
     async def stop(self) -> None:
-        """Make no more backups; one under way is completed or deleted."""
+        """Start no more backups. A backup under way continues in its thread."""
         if self._task:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
         while True:
-            made = backups_in(self._plan.folder)
-            last = made[-1].stat().st_mtime if made else 0.0
-            self._metrics.backed_up(last)
-            await asyncio.sleep(max(0.0, last + 3600.0 * self._plan.hours - time.time()))
             try:
+                await asyncio.sleep(self._seconds_to_next())
                 await asyncio.to_thread(self._make)
             except (UnbendError, OSError) as error:
                 logger.error("a backup could not be made: %s", error)  # noqa: TRY400
                 self._metrics.backup_failed()
                 await asyncio.sleep(_RETRY_SECONDS)
+
+    def _seconds_to_next(self) -> float:
+        """Return the seconds until the next backup is due, and record the time of the last backup."""
+        made = backups_in(self._plan.folder)
+        last = made[-1].stat().st_mtime if made else 0.0
+        self._metrics.backed_up(last)
+        return max(0.0, last + 3600.0 * self._plan.hours - time.time())
 
     def _make(self) -> None:
         name = f"{_PREFIX}{datetime.now(UTC):%Y%m%dT%H%M%S}Z{_ENDING}"

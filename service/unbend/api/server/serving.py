@@ -18,12 +18,12 @@ from unbend.errors import AddressError
 
 logger = logging.getLogger("uvicorn.error")
 
-_DRAINING: Final = tuple(getattr(signal, name) for name in ("SIGHUP",) if hasattr(signal, name))
-"""Further signals that stop a server as SIGTERM does: a closing terminal sends SIGHUP."""
+_STOP_SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGHUP",) if hasattr(signal, name))
+"""Other signals that stop a server as SIGTERM does. A terminal that closes sends SIGHUP."""
 
 
 class Server(uvicorn.Server):
-    """uvicorn's server, which ends long polls and event streams when it stops.
+    """uvicorn's server, which also ends long polls and event streams when it stops.
 
     A second signal requeues running jobs at once.
     """
@@ -34,19 +34,19 @@ class Server(uvicorn.Server):
 
     def run(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve until a signal."""
-        for number in _DRAINING:
+        for number in _STOP_SIGNALS:
             signal.signal(number, self.handle_exit)
         super().run(sockets)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start the application, then accept requests."""
+        """Start the application, accept requests, and log the addresses."""
         await super().startup(sockets)
         for bound in sockets or ():
             host, port = bound.getsockname()[:2]
             logger.info("unbend running on http://%s:%d", f"[{host}]" if ":" in host else host, port)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to stop; at the second signal, stop at once."""
+        """Start to stop; at a second signal, stop without waiting for running jobs."""
         service: Service | None = getattr(self._app.state, "service", None)
         if service and self.should_exit:
             service.runner.stop_now()

@@ -1,4 +1,4 @@
-"""The settings of a server: environment variables with the prefix UNBEND_, or keys of a file (`configuration`)."""
+"""The settings of a server: environment variables with the prefix UNBEND_, or keys of a file (see `configuration`)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from unbend.api.server.connections import ConnectionLimits
 from unbend.api.server.logs import LogFormat
 from unbend.api.server.scheduled_backups import BackupPlan
-from unbend.api.server.webhooks import WebhookPlan
+from unbend.api.server.webhooks import WebhookPlan, signing_key
 from unbend.jobs import JobLimits
 from unbend.mesh.limits import MeshLimits
 from unbend.names import DEFAULT_LIBRARY
@@ -40,19 +40,19 @@ class BodyLimits:
     """Limits on the bodies of requests."""
 
     each: int
-    """Bytes of a body with a file."""
+    """Most bytes of a body with a file."""
     json: int
-    """Bytes of any other body, which is parsed on the event loop."""
+    """Most bytes of any other body, which is parsed on the event loop."""
     together: int
-    """Received bytes of all requests without a response yet."""
+    """Most received bytes of all requests in progress."""
     stall_seconds: float
-    """Longest time without a byte."""
+    """Longest time without a received byte."""
     seconds: float
     """Longest time of a whole body."""
 
 
 class Settings(BaseSettings):
-    """The settings of a server; an invalid value is refused with its name."""
+    """The settings of a server."""
 
     model_config = SettingsConfigDict(env_prefix=ENVIRONMENT_PREFIX, frozen=True, extra="forbid")
 
@@ -61,72 +61,91 @@ class Settings(BaseSettings):
         default_factory=lambda: min(available_cores(), _MOST_WORKERS),
         ge=1,
         le=_MOST_WORKERS,
-        description="Processes that compute; one for each core.",
+        description="Worker processes; one for each core by default.",
     )
-    max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes that a request may have.")
+    max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes of a request with a file.")
     max_json_kb: int = Field(
-        64, ge=1, le=_MANY, description="Most kilobytes of a request without a file: it is parsed while others wait."
+        64,
+        ge=1,
+        le=_MANY,
+        description="Most kilobytes of a request without a file, because its parsing delays other requests.",
     )
-    max_arriving_mb: int = Field(1024, ge=1, le=_MANY, description="Most megabytes of all requests in hand together.")
+    max_arriving_mb: int = Field(
+        1024, ge=1, le=_MANY, description="Most received megabytes of all requests in progress."
+    )
     max_answering_mb: int = Field(
-        256, ge=1, le=_MANY, description="Most megabytes of answers, but files from the store, that wait to be taken."
+        256, ge=1, le=_MANY, description="Most megabytes of unread responses, except uploaded files."
     )
     transfer_seconds: float = Field(
-        900.0, gt=0, allow_inf_nan=False, description="Seconds that a request or an answer may take."
+        900.0, gt=0, allow_inf_nan=False, description="Most seconds for the transfer of a request or a response."
     )
-    stall_seconds: float = Field(30.0, gt=0, allow_inf_nan=False, description="Seconds that either may stand still.")
-    head_seconds: float = Field(
-        15.0, gt=0, allow_inf_nan=False, description="Seconds that the head of a request may take."
+    stall_seconds: float = Field(
+        30.0, gt=0, allow_inf_nan=False, description="Most seconds without progress of a transfer."
     )
-    max_connections: int = Field(10_000, ge=8, le=_MANY, description="Most connections; idle ones are closed first.")
-    max_waiting: int = Field(1000, ge=1, le=_MANY, description="Most long polls and streams of events at a time.")
-    max_vertices: int = Field(2_000_000, ge=4, le=_MANY, description="Most vertices that a mesh file may hold.")
-    max_faces: int = Field(4_000_000, ge=1, le=_MANY, description="Most triangles that a mesh file may hold.")
-    max_queued: int = Field(10_000, ge=1, le=_MANY, description="Jobs that may wait before uploads are answered 429.")
+    head_seconds: float = Field(15.0, gt=0, allow_inf_nan=False, description="Most seconds for the head of a request.")
+    max_connections: int = Field(
+        10_000, ge=8, le=_MANY, description="Most connections; idle connections are evicted first."
+    )
+    max_waiting: int = Field(1000, ge=1, le=_MANY, description="Most long polls and event streams at a time.")
+    max_vertices: int = Field(2_000_000, ge=4, le=_MANY, description="Most vertices of a mesh file.")
+    max_faces: int = Field(4_000_000, ge=1, le=_MANY, description="Most triangles of a mesh file.")
+    max_queued: int = Field(10_000, ge=1, le=_MANY, description="Most queued jobs; further uploads get 429.")
     job_seconds: float = Field(600.0, gt=0, allow_inf_nan=False, description="Seconds after which a job is stopped.")
     call_seconds: float = Field(
-        60.0, gt=0, allow_inf_nan=False, description="Seconds that what is computed while somebody waits may take."
+        60.0, gt=0, allow_inf_nan=False, description="Most seconds of a computation without a job."
     )
     job_memory_mb: int = Field(
-        8192, ge=1024, le=_ADDRESSES_MB, description="Megabytes of address space that a worker may use."
+        8192, ge=1024, le=_ADDRESSES_MB, description="Most megabytes of address space of a worker."
     )
-    backup_folder: str = Field("", description="Folder that backups are made in from time to time; none without.")
-    backup_hours: float = Field(24.0, gt=0, le=_MANY, allow_inf_nan=False, description="Hours between two backups.")
-    backup_keep: int = Field(7, ge=1, le=_MANY, description="Backups that are kept; the newest.")
-    job_history: int = Field(100_000, ge=0, le=_MANY, description="Jobs that have ended and are kept; the newest.")
+    backup_folder: str = Field("", description="Folder for scheduled backups; none if empty.")
+    backup_hours: float = Field(
+        24.0, gt=0, le=_MANY, allow_inf_nan=False, description="Hours between two scheduled backups."
+    )
+    backup_keep: int = Field(7, ge=1, le=_MANY, description="Number of newest backups to keep.")
+    job_history: int = Field(100_000, ge=0, le=_MANY, description="Number of newest ended jobs to keep.")
     job_days: float = Field(
-        0.0, ge=0, le=_MANY, allow_inf_nan=False, description="Days that a job is kept after its end; 0 for no limit."
+        0.0, ge=0, le=_MANY, allow_inf_nan=False, description="Days to keep an ended job; 0 for no limit."
     )
     reserve_mb: int = Field(
-        0, ge=0, le=_MANY, description="Megabytes of the library's disk kept for removals; 0 for max_upload_mb + 16."
+        0,
+        ge=0,
+        le=_MANY,
+        description="Reserved megabytes of the library's disk, for removals; 0 for max_upload_mb + 16.",
     )
     drain_seconds: float = Field(
-        20.0, ge=0, allow_inf_nan=False, description="Seconds that running jobs are given when the server stops."
+        20.0, ge=0, allow_inf_nan=False, description="Most seconds for which a stopping server waits for running jobs."
     )
-    log_format: LogFormat = Field("text", description="Lines of text, or one JSON object a line.")
-    traces: str = Field("", description="URL of an OTLP collector that traces are sent to; none without.")
+    log_format: LogFormat = Field(
+        "text", description="Format of the log: lines of text, or one JSON object in each line."
+    )
+    traces: str = Field("", description="URL of an OTLP collector for traces; none if empty.")
 
-    open: bool = Field(False, description="Serve callers without a key at any address while there are no keys.")
-    requests_per_minute: int = Field(
-        0, ge=0, le=_MANY, description="Calls of one key, or address without; 0 for no limit."
+    open: bool = Field(
+        False, description="Serve callers at any address without a key, as long as the library has no keys."
     )
-    webhook_hosts: str = Field("", description="Hosts that are told when jobs end, with commas between; none without.")
-    webhook_secret: str = Field("", description="Secret that webhooks are signed with, 16 characters or more.")
-    root_path: str = Field("", description="Path under which a proxy has the service, such as /shapes.")
+    requests_per_minute: int = Field(
+        0, ge=0, le=_MANY, description="Most requests of a key, or of an address without key; 0 for no limit."
+    )
+    webhook_hosts: str = Field("", description="Hosts that webhooks may call, separated by commas; none if empty.")
+    webhook_secret: str = Field("", description="Secret that signs webhooks, of at least 16 characters.")
+    root_path: str = Field("", description="Path of the service behind a proxy, such as /shapes.")
     allowed_hosts: str = Field(
-        "", description="Names that callers without a key may call the service by; * for all. Addresses always may."
+        "",
+        description="Host names of the service for callers without a key; * for all. IP addresses are always allowed.",
     )
     trusted_proxies: str = Field(
-        "", description="Addresses of proxies whose X-Forwarded-For is believed, with commas between; * for all."
+        "", description="Addresses of proxies whose X-Forwarded-For is trusted, separated by commas; * for all."
     )
-    cors_origins: str = Field("", description="Web sites whose pages may call: origins, with commas between them.")
+    cors_origins: str = Field(
+        "", description="Origins of websites whose pages may call the service, separated by commas."
+    )
 
     @field_validator("job_memory_mb")
     @classmethod
     def _check_memory(cls, value: int, info: ValidationInfo) -> int:
         if value <= info.data.get("max_upload_mb", 0):
             setting = "max_upload_mb"
-            reason = "should be more than {setting}, for a job has the whole of its upload in memory"
+            reason = "should be more than {setting}, because a job has its whole upload in memory"
             raise PydanticCustomError("contradiction", reason, {"setting": setting})
         return value
 
@@ -142,7 +161,7 @@ class Settings(BaseSettings):
     def _check_origins(cls, value: str) -> str:
         origins = _listed(value)
         if "*" in origins and len(origins) > 1:
-            raise ValueError("'*' stands for all web sites, so none is named beside it")
+            raise ValueError("'*' means all websites, so do not name others")
         for origin in origins:
             if origin != "*" and not _is_origin(origin):
                 raise ValueError(f"{origin!r} is not an origin as browsers send it, such as https://example.org")
@@ -159,7 +178,7 @@ class Settings(BaseSettings):
         if value and not _ROOT.fullmatch(value):
             raise ValueError("should be a path such as /shapes, without a slash at its end")
         if value.split("/")[1:2] in _OWN_PATHS:
-            raise ValueError(f"begins as the service's own paths do: {value!r}")
+            raise ValueError(f"must not begin like a path of the service itself: {value!r}")
         return value
 
     @field_validator("trusted_proxies")
@@ -186,18 +205,19 @@ class Settings(BaseSettings):
     @classmethod
     def _check_secret(cls, value: str, info: ValidationInfo) -> str:
         if info.data.get("webhook_hosts") and len(value) < _SHORTEST_SECRET:
-            raise ValueError(f"should have {_SHORTEST_SECRET} characters or more where webhook_hosts names hosts")
+            raise ValueError(f"should have at least {_SHORTEST_SECRET} characters if webhook_hosts is set")
+        signing_key(value)
         return value
 
     @property
     def webhook_plan(self) -> WebhookPlan | None:
-        """The plan of webhooks; None if there are none."""
+        """The allowed hosts and the secret of webhooks; None if webhooks are off."""
         hosts = [name.lower() for name in _listed(self.webhook_hosts)]
         return WebhookPlan(hosts, self.webhook_secret) if hosts else None
 
     @property
     def backup_plan(self) -> BackupPlan | None:
-        """The plan of scheduled backups; None if there are none."""
+        """The plan of scheduled backups; None if they are off."""
         if not self.backup_folder:
             return None
         return BackupPlan(Path(self.backup_folder), self.backup_hours, self.backup_keep)
@@ -209,7 +229,7 @@ class Settings(BaseSettings):
 
     @property
     def reserve_bytes(self) -> int:
-        """Reserved bytes of the library's disk: removing a shape overwrites its whole file."""
+        """Reserved bytes of the library's disk: removing a shape needs space, because SQLite overwrites its file."""
         return (self.reserve_mb or self.max_upload_mb + _ROWS_MB) * 2**20
 
     @property

@@ -1,6 +1,6 @@
-"""OpenTelemetry traces over OTLP: a span for each request, and for each job below its request.
+"""OpenTelemetry traces over OTLP: a span for each request, and below it a span for each of its jobs.
 
-This module needs the packages of the extra `traces`. It is imported only if the setting is given.
+This module needs the packages of the extra `traces`. It is imported only if the setting `traces` is given.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Traces(NoObserver):
     """
 
     def __init__(self, endpoint: str) -> None:
-        # the stable semantic conventions; read when the middleware is created
+        # Selects the stable semantic conventions, when the middleware is created.
         os.environ.setdefault("OTEL_SEMCONV_STABILITY_OPT_IN", "http")
         ours = Resource.create({SERVICE_NAME: "unbend", SERVICE_VERSION: __version__})
         self.provider = TracerProvider(resource=ours.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
@@ -81,24 +81,24 @@ class Traces(NoObserver):
             self._exporter.shutdown()
 
     def submitted(self, job: JobRecord) -> None:
-        """Keep the request of a job."""
+        """Record the request of a job."""
         request = get_current_span().get_span_context()
         if request.is_valid:
             self._remember(job.id, request=request)
 
     def begun(self, job: JobRecord) -> None:
-        """Keep the time of an attempt."""
+        """Record the time of an attempt."""
         with self._lock:
             before = self._jobs.get(job.id, _PendingJob()).begun
         self._remember(job.id, begun=(*before, (job.attempts, job.started_at or job.created_at)))
 
     def computed(self, seconds: Mapping[str, float]) -> None:
-        """Keep the times of the stages of the current job."""
+        """Record the times of the stages of the current job."""
         if job_id := CURRENT_JOB.get():
             self._remember(job_id, seconds=seconds, computed=datetime.now().astimezone())
 
     def ended(self, job: JobRecord) -> None:
-        """Create the spans of a job from the times that were kept."""
+        """Create the spans of a job from the recorded times."""
         with self._lock:
             known = self._jobs.pop(job.id, _PendingJob())
         above = set_span_in_context(NonRecordingSpan(known.request), Context()) if known.request else Context()
@@ -111,12 +111,12 @@ class Traces(NoObserver):
         within = set_span_in_context(span, Context())
         first = _nanoseconds(known.begun[0][1]) if known.begun else end
         self._tracer.start_span("waiting", context=within, start_time=_nanoseconds(job.created_at)).end(first)
-        self._tell_stages(known, within)
+        self._add_stages(known, within)
         if job.state == "failed":
             span.set_status(StatusCode.ERROR, job.error["code"] if job.error else None)
         span.end(end)
 
-    def _tell_stages(self, known: _PendingJob, within: Context) -> None:
+    def _add_stages(self, known: _PendingJob, within: Context) -> None:
         if known.seconds is None or known.computed is None:
             return
         begin = _nanoseconds(known.computed) - round(1e9 * sum(known.seconds.values()))
@@ -133,9 +133,9 @@ class Traces(NoObserver):
 
 
 class TracedRequests:
-    """OpenTelemetry's ASGI middleware, which sees only the parts of a request that may leave the server.
+    """OpenTelemetry's ASGI middleware, with only those parts of a request that may leave the server.
 
-    It sees no query, and no headers except those of the trace and the user agent; span names are path templates.
+    It receives no query, and no headers except those of the trace and the user agent. Span names are path templates.
     """
 
     def __init__(self, app: ASGIApp, traces: Traces) -> None:
@@ -151,7 +151,7 @@ class TracedRequests:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, in a span unless it is a probe."""
         if scope["type"] == "http" and scope["path"] not in PROBES:
-            await self._traced(_shown(scope), receive, send)
+            await self._traced(_reduced(scope), receive, send)
         else:
             await self._app(scope, receive, send)
 
@@ -171,11 +171,11 @@ class TracedRequests:
             raise
 
 
-def _shown(scope: Scope) -> Scope:
-    # the middleware would decode text that is not ASCII as escapes of Python, and fail
+def _reduced(scope: Scope) -> Scope:
+    # Without headers that are not ASCII: the middleware would decode these as escapes of Python, and fail.
     headers = [(name, value) for name, value in scope["headers"] if name in _SHOWN_HEADERS and value.isascii()]
-    told = {name: scope[name] for name in _SHOWN if name in scope}
-    return told | {"query_string": b"", "headers": headers, _WHOLE: scope}
+    kept = {name: scope[name] for name in _SHOWN if name in scope}
+    return kept | {"query_string": b"", "headers": headers, _WHOLE: scope}
 
 
 def _bare_details(scope: Scope) -> tuple[str, dict[str, str]]:
@@ -194,7 +194,7 @@ def _describe(span: Span, scope: Scope) -> None:
 
 
 def _attributes(job: JobRecord) -> dict[str, str | int]:
-    told: dict[str, str | int] = {
+    found: dict[str, str | int] = {
         "unbend.job.id": job.id,
         "unbend.job.kind": job.kind,
         "unbend.job.outcome": job.state,
@@ -202,10 +202,10 @@ def _attributes(job: JobRecord) -> dict[str, str | int]:
         "unbend.job.restarts": job.restarts,
     }
     if job.shape_id:
-        told["unbend.shape.id"] = job.shape_id
+        found["unbend.shape.id"] = job.shape_id
     if job.error:
-        told |= {"error.type": job.error["code"], "unbend.job.stage": job.stage}
-    return told
+        found |= {"error.type": job.error["code"], "unbend.job.stage": job.stage}
+    return found
 
 
 def _with_path(endpoint: str) -> str:

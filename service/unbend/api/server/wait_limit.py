@@ -1,4 +1,4 @@
-"""A limit on long polls and event streams, because each holds a connection and a subscription."""
+"""A limit on long polls and event streams, because each occupies a connection and a subscription."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ class WaitLimit:
             yield
 
     async def stream(self, parts: AsyncIterator[str]) -> AsyncIterator[str]:
-        """Count a stream from its first item on, because a stream that never starts never ends; call `check` before."""
+        """Count a stream while it is open; call `check` before.
+
+        Counting starts with the first item, because a stream that is never started also never ends.
+        """
         with self._counted():
             async for part in parts:
                 yield part

@@ -34,11 +34,12 @@ _LONGEST_SECONDS: Final = 3600.0
 _TIMEOUT: Final = httpx.Timeout(10.0)
 _AT_A_TIME: Final = 8
 _MOST_URL: Final = 2000
+_BASE64_PREFIX: Final = "whsec_"
 
 
 @dataclass(frozen=True)
 class WebhookPlan:
-    """Allowed hosts, in lower case, and the secret of signatures."""
+    """The allowed hosts, in lower case, and the secret of the signatures."""
 
     hosts: Sequence[str]
     secret: str
@@ -50,18 +51,20 @@ def check_callback(url: str, plan: WebhookPlan | None) -> str:
     Raises
     ------
     UnsuitedError
-        If webhooks are off, the settings do not allow the host, or the URL is not https; http is allowed for this
-        machine.
+        If webhooks are off, the settings do not allow the host, or the URL is invalid or not https. http is allowed for
+        hosts on this machine.
     """
     if plan is None:
-        raise UnsuitedError("callback: this service has no webhooks; UNBEND_WEBHOOK_HOSTS would allow hosts")
+        raise UnsuitedError("callback: this service has no webhooks; set UNBEND_WEBHOOK_HOSTS to allow hosts")
     try:
         parts = urlsplit(url)
         host, _ = (parts.hostname or "").lower(), parts.port
     except ValueError:
         raise UnsuitedError("callback: not a URL") from None
     if len(url) > _MOST_URL or parts.username or parts.password or not url.isprintable():
-        raise UnsuitedError("callback: not a URL that is called")
+        raise UnsuitedError(
+            "callback: the URL is too long, or contains a user name, a password or unprintable characters"
+        )
     if parts.scheme != "https" and not (parts.scheme == "http" and is_loopback(host)):
         raise UnsuitedError("callback: must begin with https://")
     if host not in plan.hosts:
@@ -72,8 +75,8 @@ def check_callback(url: str, plan: WebhookPlan | None) -> str:
 class Webhooks:
     """Calls the webhooks of ended jobs; used within one event loop.
 
-    Any response except 2xx is a failure, including a redirect. The webhook is retried after 2 seconds, and then after
-    twice as long each time, at most an hour, with jitter, up to ten attempts.
+    Any response except 2xx is a failure, including a redirect. There are up to ten attempts. The first pause is 2
+    seconds. Each further pause is twice as long, but at most an hour, with jitter.
     """
 
     def __init__(self, jobs: Jobs, plan: WebhookPlan) -> None:
@@ -86,7 +89,7 @@ class Webhooks:
         self._task = asyncio.create_task(self._run(), name="unbend webhooks")
 
     async def stop(self) -> None:
-        """Stop calling; the next server continues."""
+        """Stop calling webhooks; the next server continues."""
         if self._task:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -123,17 +126,26 @@ class Webhooks:
 
 def payload_of(job: JobRecord) -> dict[str, Any]:
     """Return the content of a webhook, without the job's result."""
-    told = {"id": job.id, "kind": job.kind, "state": job.state, "shape_id": job.shape_id}
+    data = {"id": job.id, "kind": job.kind, "state": job.state, "shape_id": job.shape_id}
     code = job.error["code"] if job.error else None
     ended = (job.finished_at or job.created_at).isoformat()
-    return {"type": "job.ended", "timestamp": ended, "data": {**told, "error": code}}
+    return {"type": "job.ended", "timestamp": ended, "data": {**data, "error": code}}
+
+
+def signing_key(secret: str) -> bytes:
+    """Return the key of a secret: bytes in base64 after `whsec_`, or else text; ValueError if the base64 is invalid."""
+    if not secret.startswith(_BASE64_PREFIX):
+        return secret.encode()
+    try:
+        return base64.b64decode(secret.removeprefix(_BASE64_PREFIX))
+    except ValueError:
+        raise ValueError(f"should be base64 after {_BASE64_PREFIX}") from None
 
 
 def sign(secret: str, message_id: str, content: bytes, now: datetime | None = None) -> dict[str, str]:
     """Return the headers of Standard Webhooks: id, time and signature of a message."""
     moment = str(int((now or datetime.now(UTC)).timestamp()))
-    key = base64.b64decode(secret.removeprefix("whsec_")) if secret.startswith("whsec_") else secret.encode()
-    digest = hmac.new(key, f"{message_id}.{moment}.".encode() + content, hashlib.sha256).digest()
+    digest = hmac.new(signing_key(secret), f"{message_id}.{moment}.".encode() + content, hashlib.sha256).digest()
     return {
         "webhook-id": message_id,
         "webhook-timestamp": moment,

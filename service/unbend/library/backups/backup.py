@@ -38,7 +38,7 @@ class Backup:
 
 
 def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Backup:
-    """Copy a library, while others may write to it, into one file. The file appears complete or not at all.
+    """Copy a library into one file, while others may write to the library. The file appears complete or not at all.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
     Raises
     ------
     ParameterError
-        If there is no such library, it is no SQLite file, or the destination exists.
+        If there is no such library, it is not an SQLite file, or the destination exists.
     StoreError
         If it cannot be copied; BackupError if it is damaged.
     """
@@ -97,9 +97,9 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
     Raises
     ------
     ParameterError
-        If there is no such backup, the library exists already, or it is no SQLite file.
+        If there is no such backup, the library exists already, or it is not an SQLite file.
     BackupError
-        If the backup is damaged, or is no library.
+        If the backup is damaged, or is not a library.
     StoreVersionError
         If the backup, or the library, was made by a later version.
     StoreError
@@ -112,11 +112,11 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
         if target.samefile(given):
             raise ParameterError(f"{given} is the library itself")
         if not overwrite:
-            raise ParameterError(f"{target} is there already, and would be replaced")
+            raise ParameterError(f"{target} exists already, and would be replaced")
     with _staged(target) as staged:
-        _take_rows(given, staged, check_backup(given).revision, page_size=_page_size(target))
+        _copy_rows(given, staged, check_backup(given).revision, page_size=_page_size(target))
         with closing(Store(url)) as store:
-            found = _put(given, staged, store)
+            found = _replace_content(given, staged, store)
             store.erase()
     return Backup(target, found.size, found.shapes, found.revision)
 
@@ -138,7 +138,7 @@ def verify(path: Path, origin: Path | None = None) -> Backup:
     ParameterError
         If there is no such file.
     BackupError
-        If it is no library, or damaged; the message says where.
+        If it is not a library, or damaged; the message says where.
     StoreVersionError
         If a later version made it.
     """
@@ -149,22 +149,22 @@ def verify(path: Path, origin: Path | None = None) -> Backup:
         _check_rows(path, origin or path)
         return found
     with _staged(path) as staged:
-        _take_rows(path, staged, found.revision)
+        _copy_rows(path, staged, found.revision)
         Store(str(staged)).close()
         _check_rows(staged, origin or path)
     return found
 
 
-def _check_rows(path: Path, told: Path) -> None:
+def _check_rows(path: Path, named: Path) -> None:
     try:
         with closing(_open(path)) as connection:
             distrust(connection)
             connection.execute("BEGIN")
             check_rows(connection)
     except sqlite3.DatabaseError as error:
-        raise BackupError(f"{told} is damaged: {error}") from error
+        raise BackupError(f"{named} is damaged: {error}") from error
     except BackupError as error:
-        raise BackupError(f"{told} is damaged: {error}") from error
+        raise BackupError(f"{named} is damaged: {error}") from error
 
 
 def check_backup(path: Path, origin: Path | None = None) -> Backup:
@@ -173,21 +173,21 @@ def check_backup(path: Path, origin: Path | None = None) -> Backup:
     Raises
     ------
     BackupError
-        If it is no library, or damaged.
+        If it is not a library, or damaged.
     StoreVersionError
         If a later version made it.
     """
-    told = origin or path
+    named = origin or path
     try:
         with closing(_open(path)) as connection:
             distrust(connection)
             revision, shapes = _inspect(connection)
     except sqlite3.DatabaseError as error:
-        raise BackupError(f"{told} is no library, or damaged: {error}") from error
+        raise BackupError(f"{named} is not a library, or damaged: {error}") from error
     except BackupError as error:
-        raise BackupError(f"{told} {error}") from None
+        raise BackupError(f"{named} {error}") from None
     if revision not in revisions():
-        raise StoreVersionError(f"{told} was made by a later version of unbend")
+        raise StoreVersionError(f"{named} was made by a later version of unbend")
     return Backup(path, path.stat().st_size, shapes, revision)
 
 
@@ -195,7 +195,7 @@ def _inspect(connection: sqlite3.Connection) -> tuple[str, int]:
     """Return a library's schema revision and number of shapes; messages of BackupError begin with a verb."""
     tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not {"alembic_version", "shapes", "meshes", "jobs"} <= tables:
-        raise BackupError("is no library of unbend")
+        raise BackupError("is not a library of unbend")
     check_schema(connection)
     faults = [text for (text,) in connection.execute("PRAGMA integrity_check(1)") if text != "ok"]
     faults += [f"a row of {row[0]} refers to nothing" for row in connection.execute("PRAGMA foreign_key_check")]
@@ -211,10 +211,10 @@ def _must_be_free(target: Path, source: Path, overwrite: bool) -> None:
         if target.samefile(source):
             raise ParameterError(f"{target} is the library itself")
         if not overwrite or not target.is_file():
-            raise ParameterError(f"{target} is there already")
+            raise ParameterError(f"{target} exists already")
     for ending in _COMPANIONS:
-        if Path(f"{target}{ending}").exists():  # SQLite would take it for part of the new file
-            raise ParameterError(f"{target}{ending} is there: the file is open as a library, or was not closed")
+        if Path(f"{target}{ending}").exists():  # SQLite would treat it as part of the new file
+            raise ParameterError(f"{target}{ending} exists: the file is open as a library, or was not closed")
 
 
 @contextmanager
@@ -237,8 +237,8 @@ def _open(path: Path) -> sqlite3.Connection:
     return sqlite3.connect(address, uri=True, isolation_level=None, timeout=_BUSY_SECONDS)
 
 
-def _take_rows(source: Path, empty: Path, revision: str, page_size: int | None = None) -> None:
-    """Copy the rows of one state of a library into a new schema, and nothing else of the file."""
+def _copy_rows(source: Path, empty: Path, revision: str, page_size: int | None = None) -> None:
+    """Copy only the rows of one state of a library into a new schema."""
     try:
         if page_size:
             with closing(_open(empty)) as connection:
@@ -251,7 +251,7 @@ def _take_rows(source: Path, empty: Path, revision: str, page_size: int | None =
             connection.execute("ATTACH ? AS given", (f"{source.resolve().as_uri()}?mode=rw",))
             connection.execute("BEGIN")
             for table, columns in _columns(connection).items():
-                _take_table(connection, table, columns, source)
+                _copy_table(connection, table, columns, source)
             connection.execute("COMMIT")
             connection.execute("DETACH given")
     except sqlite3.DatabaseError as error:
@@ -259,7 +259,7 @@ def _take_rows(source: Path, empty: Path, revision: str, page_size: int | None =
 
 
 def _columns(connection: sqlite3.Connection) -> dict[str, list[str]]:
-    """Return the tables of the new schema with their columns; the table of automatic keys comes last."""
+    """Return the tables of the new schema with their columns; sqlite_sequence comes last, because inserts change it."""
     tables = [name for (name,) in connection.execute("SELECT name FROM main.sqlite_master WHERE type = 'table'")]
     return {
         table: [row[1] for row in connection.execute(f"PRAGMA main.table_info('{table}')")]
@@ -268,9 +268,9 @@ def _columns(connection: sqlite3.Connection) -> dict[str, list[str]]:
     }
 
 
-def _take_table(connection: sqlite3.Connection, table: str, columns: list[str], source: Path) -> None:
-    there = {row[1] for row in connection.execute(f"PRAGMA given.table_info('{table}')")}
-    if missing := set(columns) - there:
+def _copy_table(connection: sqlite3.Connection, table: str, columns: list[str], source: Path) -> None:
+    present = {row[1] for row in connection.execute(f"PRAGMA given.table_info('{table}')")}
+    if missing := set(columns) - present:
         raise BackupError(f"{source} is damaged: its table {table} has no {min(missing)}")
     named = ", ".join(columns)
     connection.execute(f"DELETE FROM main.{table}")  # noqa: S608  names of the present schema
@@ -278,7 +278,7 @@ def _take_table(connection: sqlite3.Connection, table: str, columns: list[str], 
 
 
 def _copy(source: Path, empty: Path) -> None:
-    """Copy one state of a database, without its free pages, which may hold deleted content."""
+    """Copy one state of a database, without its free pages, which may contain deleted content."""
     try:
         with closing(_open(source)) as connection:
             connection.execute("VACUUM INTO ?", (str(empty.resolve()),))
@@ -298,7 +298,7 @@ def _page_size(path: Path) -> int | None:
 
 
 class _KeyCheck:
-    """Checks the keys of a library while it is overwritten: from the first step on, no other process can write."""
+    """Checks the keys of a library after the first step of overwriting it: no other process can write from then on."""
 
     def __init__(self, store: Store, keys: KeyRows) -> None:
         self._store = store
@@ -307,13 +307,13 @@ class _KeyCheck:
 
     def __call__(self, status: int, _left: int, _all: int) -> None:
         if status in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
-            raise StoreError(f"somebody else has been writing to the library for {_BUSY_SECONDS} seconds")
+            raise StoreError(f"another process has been writing to the library for {_BUSY_SECONDS} seconds")
         if not self._checked:
             check_keys(self._store, self._keys)
             self._checked = True
 
 
-def _put(given: Path, staged: Path, store: Store) -> Backup:
+def _replace_content(given: Path, staged: Path, store: Store) -> Backup:
     """Prepare a staged library, and copy it over `store` in one transaction."""
     while True:
         keys = prepare(staged, store)

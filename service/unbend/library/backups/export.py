@@ -26,7 +26,7 @@ _COLUMNS: Final = (
     "path", "class", "id", "name", "metadata", "sha256", "size", "parameters", "policy", "version", "created_at",
 )  # fmt: skip
 _MAX_BYTES: Final = 150
-"""Longest file name: with an id and an extension, all file systems accept it."""
+"""Longest name of a shape in a file name: with an id and an extension, all file systems accept it."""
 _UNSAFE: Final = re.compile(r'[\x00-\x1f\x7f-\x9f/\\:*?"<>|\u2028\u2029\u202a-\u202e\u2066-\u2069\ufeff]')
 _FIRST: Final = re.compile(r"^[-.~=+@\s]")
 """First characters that make a file hidden, an option of a command, or a spreadsheet formula."""
@@ -34,10 +34,10 @@ _DEVICES: Final = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNOREC
 
 
 def export(store: Store, folder: str | Path) -> int:
-    """Write the file of every shape, byte for byte, and then labels.csv: if it exists, the export is complete.
+    """Write the file of every shape, byte for byte, and then labels.csv: if labels.csv exists, the export is complete.
 
     Files are named after the shapes, as far as file systems allow; of shapes with the same name, all but the first also
-    get their ids. The export is one state of the library, even if it takes long.
+    get their ids. The export is one state of the library, even if others write to the library meanwhile.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def export(store: Store, folder: str | Path) -> int:
     """
     target = Path(folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise ParameterError(f"{target} is there already, and is not an empty folder")
+        raise ParameterError(f"{target} exists already, and is not an empty folder")
     target.mkdir(parents=True, exist_ok=True)
     unfinished = target / f"{LABELS}.part"
     with store.read() as connection, unfinished.open("x", newline="", encoding="utf-8") as file:
@@ -92,9 +92,9 @@ def _records(connection: Connection) -> Iterator[ShapeRecord]:
 
 def _write(folder: Path, record: ShapeRecord, data: bytes) -> Path:
     """Write a file under its first free name. The file system decides which names are equal."""
-    ending, stems = _ending(record, data), _stems(record)
+    extension, stems = _extension(record, data), _stems(record)
     while True:
-        path = folder / f"{next(stems)}.{ending}"
+        path = folder / f"{next(stems)}.{extension}"
         with contextlib.suppress(FileExistsError), path.open("xb") as file:
             file.write(data)
             return path
@@ -108,7 +108,7 @@ def _stems(record: ShapeRecord) -> Iterator[str]:
         yield f"{stem}-{record.id}-{number}"
 
 
-def _ending(record: ShapeRecord, data: bytes) -> str:
+def _extension(record: ShapeRecord, data: bytes) -> str:
     known = record.report.get("file_type")
     return str(known) if known in FORMATS else detect_format(data)
 
@@ -123,5 +123,5 @@ def _row(path: Path, record: ShapeRecord) -> dict[str, Any]:
             ("policy", record.policy.as_dict()),
         )
     }
-    told = {"path": path.name, "class": record.label or "", "created_at": record.created_at.isoformat()}
-    return own | objects | told
+    texts = {"path": path.name, "class": record.label or "", "created_at": record.created_at.isoformat()}
+    return own | objects | texts

@@ -1,4 +1,4 @@
-"""Changes to a backup before it replaces a library: the library's API keys, a new epoch, and requeued jobs."""
+"""Changes to a copy of a backup before it replaces a library: the library's API keys, a new epoch, requeued jobs."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class KeysChangedError(Exception):
 
 
 def prepare(staged: Path, store: Store) -> KeyRows:
-    """Prepare a copy of a backup to replace the content of `store`; return the keys of `store`, which the copy now has.
+    """Prepare a copy of a backup to replace the content of `store`, and return the keys of `store`.
 
-    The copy is migrated to the present schema.
+    The copy is migrated to the present schema, and gets these keys if there are any.
     """
     keys = _keys_of(store)
 
     def change(connection: Connection) -> None:
-        if keys:  # a library without keys is open, and the keys of the backup can only close it
+        if keys:  # otherwise the keys of the backup stay: they can only restrict access
             connection.execute(delete(api_keys))
             connection.execute(insert(api_keys), [dict(key) for key in keys])
         for job in job_rows.running_jobs(connection):

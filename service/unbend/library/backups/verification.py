@@ -1,6 +1,6 @@
 """Checks of the content of a library's file, row by row: hashes, references and documents.
 
-A backup may be damaged or malicious. Nothing of its schema is trusted, because a trigger could insert API keys.
+A backup may be damaged or malicious. Its schema is not trusted, because a trigger could insert API keys.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _ID: Final = re.compile(r"[0-9a-f]{32}")
 _HASH: Final = re.compile(r"[0-9a-f]{64}")
 _FEATURES: Final = {"trigger": "a trigger", "view": "a view"}
 _STORED: Final = {"INTEGER": ("integer",), "FLOAT": ("real", "integer"), "BLOB": ("blob",)}
-"""SQLite's storage classes of a column type; all others are text."""
+"""SQLite's storage classes by column type; columns of all other types store text."""
 
-_MOST_SECONDS: Final = 253_402_300_799.0
+_LATEST: Final = 253_402_300_799.0
 """The end of the year 9999."""
 
 Row = sqlite3.Row
@@ -72,7 +72,7 @@ def check_rows(connection: sqlite3.Connection) -> None:
     connection.row_factory = sqlite3.Row
     _check_kinds(connection)
     if connection.execute("SELECT count(*) FROM library_state").fetchone()[0] != 1:
-        raise BackupError("library_state has not one row")
+        raise BackupError("library_state must have exactly one row")
     for table, check in _CHECKS.items():
         for row in _rows(connection, table):
             try:
@@ -109,14 +109,14 @@ def _check_mesh(connection: sqlite3.Connection, row: Row) -> None:
             found.update(piece)
             size += len(piece)
     if found.hexdigest() != row["sha256"] or size != row["size"]:
-        raise BackupError(f"the file of mesh {row['sha256'][:64]} is not the one that was uploaded: it is damaged")
+        raise BackupError(f"the file of mesh {row['sha256'][:64]} is not the uploaded file: it is damaged")
 
 
 def _check_signature(_connection: sqlite3.Connection, row: Row) -> None:
     Parameters.from_json(row["parameters"])
     MeshPolicy.from_json(row["policy"])
-    _object(row["report"], "report")
-    _texts(row["warnings"], "warnings")
+    _check_object(row["report"], "report")
+    _check_texts(row["warnings"], "warnings")
     _must(math.isfinite(row["area"]) and math.isfinite(row["stress"]), "a number that is not finite")
     try:
         signature = unpack_signature(row["payload"], {})
@@ -124,8 +124,11 @@ def _check_signature(_connection: sqlite3.Connection, row: Row) -> None:
         raise ValueError(f"no signature: {error}") from error
     _must(signature.points.ndim == 2 and bool(np.isfinite(signature.points).all()), "a signature that is not finite")
     corners = signature.faces
-    _must(corners.ndim == 2 and corners.shape[1] == 3, "a signature whose faces are no triangles")
-    _must(not corners.size or 0 <= corners.min() <= corners.max() < len(signature.points), "faces of no points")
+    _must(corners.ndim == 2 and corners.shape[1] == 3, "a signature whose faces are not triangles")
+    _must(
+        not corners.size or 0 <= corners.min() <= corners.max() < len(signature.points),
+        "faces with missing corners",
+    )
 
 
 def _check_descriptor(_connection: sqlite3.Connection, row: Row) -> None:
@@ -136,7 +139,7 @@ def _check_descriptor(_connection: sqlite3.Connection, row: Row) -> None:
 def _check_shape(_connection: sqlite3.Connection, row: Row) -> None:
     _must(bool(_ID.fullmatch(row["id"])), "a malformed id")
     read_metadata(row["metadata"])  # metadata that is nested too deeply is allowed
-    _moments(row, "created_at", "updated_at")
+    _check_times(row, "created_at", "updated_at")
 
 
 def _check_job(_connection: sqlite3.Connection, row: Row) -> None:
@@ -145,19 +148,19 @@ def _check_job(_connection: sqlite3.Connection, row: Row) -> None:
     _must(row["kind"] in get_args(JobKind), "an unknown kind")
     _must(0.0 <= row["progress"] <= 1.0, "a progress out of its range")
     _must(row["mesh_sha256"] is not None or row["state"] not in UNFINISHED_STATES, "no mesh before its end")
-    _object(row["request"], "request")
+    _check_object(row["request"], "request")
     for column in ("warnings", "ignored"):
-        _texts(row[column], column)
+        _check_texts(row[column], column)
     error = json.loads(row["error"] or "null")
     _must(error is None or {"code", "message", "advice"} <= set(error), "an error without a code")
     _must(is_packed(json.loads(row["result"] or "null")), "a malformed result")
-    _moments(row, "created_at", "started_at", "finished_at")
+    _check_times(row, "created_at", "started_at", "finished_at")
 
 
 def _check_key(_connection: sqlite3.Connection, row: Row) -> None:
     _must(row["scope"] in {"read", "write", "admin"}, "an unknown scope")
     _must(bool(_HASH.fullmatch(row["sha256"])), "a malformed hash")
-    _moments(row, "created_at", "revoked_at", "expires_at")
+    _check_times(row, "created_at", "revoked_at", "expires_at")
 
 
 _CHECKS: Final[dict[str, Callable[[sqlite3.Connection, Row], None]]] = {
@@ -170,24 +173,24 @@ _CHECKS: Final[dict[str, Callable[[sqlite3.Connection, Row], None]]] = {
 }
 
 
-def _must(holds: bool, otherwise: str) -> None:
-    if not holds:
+def _must(condition: bool, otherwise: str) -> None:
+    if not condition:
         raise ValueError(otherwise)
 
 
-def _object(text: str, what: str) -> None:
+def _check_object(text: str, what: str) -> None:
     _must(isinstance(json.loads(text), dict), f"a {what} that is not an object")
 
 
-def _texts(text: str, what: str) -> None:
+def _check_texts(text: str, what: str) -> None:
     value = json.loads(text)
     _must(isinstance(value, list) and all(isinstance(each, str) for each in value), f"{what} that are not strings")
 
 
-def _moments(row: Row, *columns: str) -> None:
+def _check_times(row: Row, *columns: str) -> None:
     for column in columns:
         if row[column] is not None:
-            _must(0.0 <= row[column] <= _MOST_SECONDS, f"a {column} out of range")
+            _must(0.0 <= row[column] <= _LATEST, f"a {column} out of range")
             datetime.fromtimestamp(row[column])
 
 

@@ -1,4 +1,4 @@
-"""Alembic's entry: run migrations on the connection that `Store` hands over."""
+"""Alembic's entry point: run migrations on the connection that `migrate_engine` passes."""
 
 from alembic import context
 

@@ -22,7 +22,7 @@ _MAX_PARTITIONS: Final = 32
 """Partitions kept in memory; the least recently used is evicted."""
 
 _CHUNK: Final = 256
-"""Rows read from the store at a time: few enough to stay in the CPU cache until they are joined."""
+"""Rows that are read from the store at a time: few enough to stay in the CPU cache until they are concatenated."""
 
 _COMPACT_SHARE: Final = 4
 """A table drops the rows of removed shapes once they are one row in four."""
@@ -101,7 +101,7 @@ class SearchIndex:
             while len(self._partitions) > _MAX_PARTITIONS:
                 self._partitions.popitem(last=False)
         snapshot = partition.snapshot(connection)
-        if not len(snapshot.seqs):  # callers may ask for parameters that no shape has: keep nothing for those
+        if not len(snapshot.seqs):  # callers may send parameters that no shape has: do not keep their partitions
             with self._lock:
                 self._partitions.pop(key, None)
         return snapshot
@@ -110,7 +110,7 @@ class SearchIndex:
 class _Partition:
     """The vectors of one key, and the epoch and revision of the store that they match.
 
-    Callers that arrive during an update wait for it, and then read nothing.
+    Callers that arrive during an update wait for it, and then do not read the store's vectors again.
     """
 
     def __init__(self, key: IndexKey) -> None:
@@ -156,9 +156,9 @@ class _Partition:
 class VectorTable:
     """Vectors, classes and seqs of shapes in the order of adding, in arrays that grow. Not thread-safe.
 
-    Snapshots never change: new rows are written behind the rows of earlier snapshots, into arrays that double when
-    they are full, and new classes of old rows are written into a copy. Adding a shape to a million therefore costs as
-    little as adding it to ten.
+    Snapshots never change: new rows are written after the rows of earlier snapshots, into arrays that double when
+    they are full, and new classes of old rows are written into a copy. Adding a shape to a table of a million therefore
+    costs as little as adding it to a table of ten.
     """
 
     def __init__(self) -> None:
@@ -208,7 +208,7 @@ class VectorTable:
             self._compact()
 
     def _find(self, seqs: Sequence[int]) -> tuple[Indices, Bools]:
-        """Return the rows of the shapes that are in the table, and a mask over `seqs` of those."""
+        """Return the rows of the shapes that are in the table, and a mask of these shapes over `seqs`."""
         wanted, known = np.asarray(seqs, np.int64), self._seqs[: self._count]
         rows = np.searchsorted(known, wanted)
         found = rows < self._count
@@ -250,7 +250,7 @@ class VectorTable:
 
 
 def _resized(array: NDArray[Any], count: int, size: int) -> NDArray[Any]:
-    """Return a copy of the first `count` rows with capacity for `size`; unwritten pages take no memory."""
+    """Return a copy of the first `count` rows with capacity for `size` rows; unwritten pages take no memory."""
     result = np.empty((size, *array.shape[1:]), array.dtype)
     result[:count] = array[:count]
     return result

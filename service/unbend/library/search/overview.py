@@ -1,4 +1,4 @@
-"""A library as a whole under a measure: a map of its shapes, and the evaluation of its retrieval."""
+"""Overviews of a library under a measure: a map of its shapes, and an evaluation of retrieval."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAP_LIMIT: Final = 5000
 """Most shapes on a map by default."""
 
 _PAIRS: Final = 20_000_000
-"""Most distances of an evaluation: in larger libraries fewer shapes are queries."""
+"""Most distances that an evaluation computes. In larger libraries, fewer shapes are queries."""
 
 
 MapDistance = Literal["l1", "squared_l2"]
@@ -54,9 +54,9 @@ class MapItem:
     name: str
     label: str | None
     point: Sequence[float]
-    """The point by its signature."""
+    """The point by the signature."""
     original: Sequence[float]
-    """The point by its surface in space: Fig. 8 of the paper shows both side by side."""
+    """The point by the surface in space. Fig. 8 of the paper shows both maps side by side."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ShapeMap:
     original_stress: float
     """Eq. 2 of the originals."""
     count: int
-    """Shapes that could be on the map."""
+    """Number of shapes that the map's shapes were chosen from."""
     items: list[MapItem]
 
     def as_dict(self) -> dict[str, Any]:
@@ -85,12 +85,12 @@ class Selection:
     originals: Singles
     names: Sequence[ShapeMatch]
     count: int
-    """Shapes that the selection is chosen from."""
+    """Number of shapes that these were chosen from."""
 
 
 def select(connection: Connection, snapshot: Snapshot, original: Snapshot, limit: int) -> Selection:
     """Choose at most `limit` of the shapes in both snapshots, evenly over the order of adding."""
-    seqs = np.intersect1d(_present(snapshot), _present(original), assume_unique=True)
+    seqs = np.intersect1d(_searchable(snapshot), _searchable(original), assume_unique=True)
     chosen = seqs[np.linspace(0, len(seqs) - 1, min(limit, len(seqs))).astype(np.int64)]
     vectors, originals = (of.gallery.vectors[np.searchsorted(of.seqs, chosen)] for of in (snapshot, original))
     names = get_matches(connection, chosen.tolist(), [0.0] * len(chosen))
@@ -111,16 +111,16 @@ def map_of(selection: Selection, measure: VectorMeasure, options: MapOptions) ->
     return ShapeMap(measure.name, found.stress, others.stress, selection.count, items)
 
 
-def _present(snapshot: Snapshot) -> Indices:
+def _searchable(snapshot: Snapshot) -> Indices:
     return np.delete(snapshot.seqs, snapshot.excluded)
 
 
 def evaluation_of(snapshot: Snapshot, measure: VectorMeasure) -> Evaluation:
-    """Query all other labelled shapes with every labelled shape, or with as many as are affordable.
+    """Rank the other labelled shapes for every labelled shape, or for as many of them as `_PAIRS` allows.
 
     Raises
     ------
-    ParameterError
+    UnsuitedError
         If no class has two members.
     """
     gallery = snapshot.gallery

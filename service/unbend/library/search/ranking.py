@@ -1,4 +1,4 @@
-"""Rankings: search by vectors, classes, and a second order of the nearest by measures of whole shapes."""
+"""Rankings of shapes by their vectors, and of classes; measures of whole shapes reorder the nearest shapes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Ranking:
     classes: Sequence[ClassMatch]
     shapes: Sequence[ShapeMatch]
     known: bool | None
-    """Whether the best class is near enough; None if the library cannot tell."""
+    """Whether the query is near enough to the best class to belong to it; None if the class has a single member."""
     warnings: Sequence[str] = ()
     """Reasons why the ranking may be wrong, and what to do."""
 
@@ -81,7 +81,7 @@ def _key_of(store: Store, query: Signature | str, measure: VectorMeasure) -> tup
     """Return the key of comparable shapes, the query's place in the order of adding (0 if not stored), and warnings."""
     if isinstance(query, Signature):
         return IndexKey(measure, query.parameters.to_json(), query.version), 0, query.warnings
-    # In a transaction of its own, because the index's transaction must begin with `SearchIndex.snapshot`.
+    # Read in a separate transaction, because the index's transaction must begin with `SearchIndex.snapshot`.
     with store.read() as connection:
         seq, parameters, version, warnings = shape_rows.get_place(connection, query)
     return IndexKey(measure, parameters, version), seq, warnings

@@ -21,7 +21,7 @@ _TOOLS: Final = {"postgresql": "pg_dump and pg_restore", "mysql": "mysqldump", "
 
 
 def sqlite_file(url: str) -> Path:
-    """Return the file of a library; it need not exist.
+    """Return the path of a library's file; the file need not exist.
 
     Raises
     ------
@@ -31,14 +31,14 @@ def sqlite_file(url: str) -> Path:
     address = _address(url)
     kind = address.get_backend_name()
     if kind != "sqlite":
-        raise ParameterError(f"the library is no SQLite file but in {kind}: use {_TOOLS.get(kind, 'its own tool')}")
+        raise ParameterError(f"the library is in {kind}, not in an SQLite file: use {_TOOLS.get(kind, 'its own tool')}")
     if address.database in {None, "", ":memory:"}:
         raise ParameterError("the library is in memory, not in a file")
     return Path(str(address.database))
 
 
 def must_exist(url: str) -> None:
-    """Raise ParameterError if an SQLite library has no file: opening it would create an empty library."""
+    """Raise ParameterError if the file of an SQLite library is missing: opening it would create an empty library."""
     address = _address(url)
     if address.get_backend_name() == "sqlite" and address.database and not Path(address.database).is_file():
         raise ParameterError(f"there is no library at {address.database}")
@@ -71,7 +71,7 @@ def open_engine(url: str) -> Engine:
     address = _address(url)
     is_file = address.get_backend_name() == "sqlite" and not is_in_memory(url)
     try:
-        # Every thread that needs a connection to a file gets one.
+        # No limit on connections: every thread that needs a connection to a file gets one.
         engine = create_engine(address, max_overflow=-1) if is_file else create_engine(address)
     except (ArgumentError, ImportError):  # ImportError: the driver of the database is not installed
         raise _unknown(url) from None
@@ -94,7 +94,7 @@ def _address(url: str) -> URL:
 
 
 def _unknown(url: str) -> ParameterError:
-    return ParameterError(f"{url.split(':', maxsplit=1)[0]}: not a path, or not the URL of a database that we know")
+    return ParameterError(f"{url.split(':', maxsplit=1)[0]}: neither a path nor the URL of a known database")
 
 
 def _disable_driver_transactions(connection: Any, _record: object) -> None:
@@ -115,7 +115,7 @@ def _begin_sqlite(connection: Connection) -> None:
     options = connection.get_execution_options()
     # Use the driver's connection: SQLAlchemy's path to a cursor costs more than a small transaction.
     driver: Any = connection.connection.dbapi_connection
-    # A migration replaces tables, and dropping the old table would cascade to every row that refers to it.
+    # A migration replaces tables: with foreign keys, dropping the old table would delete every row that refers to it.
     driver.execute(f"PRAGMA foreign_keys = {'OFF' if options.get('unbend_migrating') else 'ON'}")
     # A writer locks at once: SQLite can refuse a transaction that reads first and writes later.
     driver.execute("BEGIN" if options.get("unbend_reading") else "BEGIN IMMEDIATE")
@@ -134,9 +134,9 @@ def migrate_engine(engine: Engine, revision: str = "head") -> None:
     Raises
     ------
     StoreVersionError
-        If a later version of unbend made it.
+        If a later version of unbend made the database.
     StoreError
-        If it cannot be opened.
+        If the database cannot be opened.
     """
     config = _config()
     try:

@@ -1,7 +1,8 @@
-"""The file and the disk of an SQLite library: detects a replaced file, checks free space, and keeps a reserve.
+"""The file and the disk of an SQLite library: detection of a replaced file, checks of free space, and a reserve.
 
-SQLite keeps writing to a file that was removed, and all of it is lost when the last connection closes. The reserve is a
-file beside the library. It is released when the disk is full, so that shapes can still be removed and jobs can end.
+SQLite keeps writing to a file that was removed, and loses all these changes when the last connection closes. The
+reserve is a file beside the library. It is deleted when the disk is full, so that shapes can still be removed and jobs
+can end.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ logger = logging.getLogger("unbend.library")
 _Identity = tuple[int, int] | None
 
 _RESULT_BYTES: Final = 2**20
-"""Space that the result of a job takes: rows, indexes, the log."""
+"""Space that the result of a job takes in rows, indexes and the log."""
 
 _UPLOAD_BYTES: Final = 2 * _RESULT_BYTES
-"""Space that an upload takes in addition to its file. More than a result, so that admitted uploads can also start."""
+"""Space that an upload takes in addition to its file. It exceeds that of a result, so that admitted uploads can run."""
 
 
 class LibraryDisk:
@@ -36,7 +37,7 @@ class LibraryDisk:
     path : Path
         An open SQLite database in WAL mode.
     unused_bytes : callable
-        Returns the bytes of the file that hold nothing, such as those of removed shapes.
+        Returns the number of unused bytes in the file, such as those of removed shapes.
     """
 
     def __init__(self, path: Path, unused_bytes: Callable[[], int]) -> None:
@@ -96,7 +97,7 @@ class LibraryDisk:
                 self._fill_reserve()
             left = self.free() - self._bytes - max(0, needed - unused)
         if left < 0:
-            raise StoreFullError(f"the library's disk has no room for {content}")
+            raise StoreFullError(f"the library's disk has no space for {content}")
 
     def _reserved(self) -> int:
         try:

@@ -1,7 +1,7 @@
-"""The lease of a library, so that only one server at a time runs its jobs.
+"""The lease of a library: only the server that has it runs the library's jobs.
 
-The lease is an operating system lock on a file beside the library. It ends with its process, in any way. The library's
-own file is not locked, because on some file systems such locks conflict with SQLite's.
+The lease is an operating system lock on a file beside the library. It ends when its process ends, even by a crash. The
+library's own file is not locked, because on some file systems such locks conflict with SQLite's.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ class Lease:
     ----------
     url : str
         The library: a path of an SQLite file, or an SQLAlchemy URL. Libraries in memory and in other databases
-        have no lease: any number of servers may open them.
+        have no lease, and neither have libraries on Windows: any number of servers may open them.
 
     Raises
     ------
     StoreInUseError
         If another server has the lease.
     StoreError
-        If the file beside the library cannot be created.
+        If the file beside the library cannot be opened.
     """
 
     def __init__(self, url: str) -> None:
@@ -49,14 +49,14 @@ class Lease:
         try:
             self._handle = os.open(place, os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
-            raise StoreError(f"the library at {library} cannot be opened: {error.strerror}") from error
+            raise StoreError(f"the lease {place} cannot be opened: {error.strerror}") from error
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.pread(self._handle, 20, 0).decode(errors="replace").strip()
+            owner = os.pread(self._handle, 20, 0).decode(errors="replace").strip()
             self.close()
-            process = f"process {holder}" if holder.isdecimal() else "another process"
-            raise StoreInUseError(f"a server runs the jobs of {library} already: {process}") from None
+            process = f"process {owner}" if owner.isdecimal() else "its process is unknown"
+            raise StoreInUseError(f"another server runs the jobs of {library} already: {process}") from None
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, str(os.getpid()).encode(), 0)
 

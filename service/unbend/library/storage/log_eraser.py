@@ -1,7 +1,7 @@
-"""The eraser of SQLite's write-ahead log, so that deleted content is in no file.
+"""The eraser of SQLite's write-ahead log, which may contain deleted content.
 
-With `secure_delete`, SQLite overwrites deleted content with zeros. The log beside the file still holds the old pages
-until a checkpoint truncates it. A reader of an earlier state blocks that checkpoint.
+With `secure_delete`, SQLite overwrites deleted content with zeros. The log beside the file still has the old pages
+until a checkpoint truncates the log. A reader of an earlier state blocks that checkpoint.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ _RETRY_SECONDS: Final = 1.0
 
 
 Urgency = Literal["now", "soon"]
-"""Whether a caller waits for the erasure, or it is routine."""
+"""The time of an erasure: "now" if the caller waits for it, "soon" if a second later is early enough."""
 
 
 def mark_erased(connection: Connection, urgency: Urgency) -> None:
-    """Mark this transaction: it deletes content that no file may keep."""
+    """Mark the transaction as one that deletes content, which must also disappear from the log."""
     if connection.info.get(_MARK) != "now":
         connection.info[_MARK] = urgency
 
@@ -45,14 +45,17 @@ class LogEraser:
         self._closed = False
 
     def erase(self, urgency: Urgency) -> None:
-        """Truncate the log now if no reader blocks it, otherwise within seconds, once for all deletions until then."""
+        """Truncate the log: at once if `urgency` is "now" and no reader blocks it, otherwise a second later.
+
+        All calls within this second share one attempt.
+        """
         with self._lock:
             if self._closed or (urgency == "now" and self._truncated()) or self._timer is not None:
                 return
             self._retry_later()
 
     def close(self) -> None:
-        """Stop retrying; closing the last connection truncates the log in any case."""
+        """Stop retrying. SQLite deletes the log when the last connection closes."""
         with self._lock:
             self._closed = True
             if self._timer is not None:

@@ -1,4 +1,4 @@
-"""A cache of reads from an SQLite file that any write, by any process, empties."""
+"""A cache of reads from an SQLite file. Any write to the file, by any process, invalidates the cache."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ _VERSION: Final = "PRAGMA data_version"
 
 
 class ReadCache:
-    """Least recently used values, valid until the file changes: `data_version` tells in microseconds. Thread-safe.
+    """A cache of the most recently used values, which are valid until the file changes. Thread-safe.
 
-    It has a connection of its own that never writes, because SQLite reports to a connection only the writes of others.
+    SQLite's `data_version` detects a change within microseconds. It changes only by writes of other connections, so the
+    cache has a connection that never writes.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -28,7 +29,7 @@ class ReadCache:
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
 
     def get_or_load(self, key: Hashable, load: Callable[[], T]) -> T:
-        """Return the cached value of a key if it is still valid; otherwise load and cache it."""
+        """Return the cached value of a key if it is still valid; otherwise load the value and cache it."""
         with self._lock:
             # Read the version before loading: a write during the load then invalidates the loaded value.
             ((version,),) = self._connection.driver_connection.execute(_VERSION)

@@ -1,4 +1,4 @@
-"""The tables of the store. Migrations create them; a test checks that both agree."""
+"""The tables of the store. Migrations create the tables and comments; a test checks that both definitions agree."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ metadata = MetaData(
 
 
 class Instant(TypeDecorator[datetime]):
-    """A UTC time, stored as seconds since 1970, which sort, and are equal in every database."""
+    """A UTC time, stored as seconds since 1970, which every database sorts and compares alike."""
 
     impl = Float
     cache_ok = True

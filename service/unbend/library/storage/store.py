@@ -22,7 +22,7 @@ from unbend.library.storage.writer import Writer
 
 T = TypeVar("T")
 
-_UNUSED_PAGES = ("freelist_count", "page_size")
+_UNUSED_PRAGMAS = ("freelist_count", "page_size")
 
 
 class Store:
@@ -33,7 +33,7 @@ class Store:
     url : str
         A path of an SQLite file, or an SQLAlchemy URL.
     migrate : bool, default True
-        Migrate the database to the present schema first. Worker processes leave that to their parent.
+        Migrate the database to the present schema first. Worker processes leave the migration to their parent.
 
     Raises
     ------
@@ -52,9 +52,9 @@ class Store:
         self._eraser = LogEraser(self._engine) if is_sqlite else None
         if migrate:
             migrate_engine(self._engine)
-            self.erase("soon")  # a migration may delete words from the history of jobs
-        self._cache = ReadCache(self._engine) if is_sqlite else None
+            self.erase("soon")  # a migration may delete content from the history of jobs
         has_file = is_sqlite and not self._is_in_memory
+        self._cache = ReadCache(self._engine) if has_file else None
         self.disk = LibraryDisk(sqlite_file(url).absolute(), self._unused_bytes) if has_file else None
         self._writer: Writer | None = None
         self._writer_lock = threading.Lock()
@@ -67,17 +67,17 @@ class Store:
             yield connection
 
     def submit(self, change: Callable[[Connection], T]) -> Future[T]:
-        """Queue a change for the writer; its result is on disk when the future has it.
+        """Queue a change for the writer; the change is on disk when the future has its result.
 
-        A change may run twice (see `Writer`).
+        A change may run twice (see `Writer`). If the database is in memory, the change runs in the caller's thread.
 
         Raises
         ------
         StoreError
-            By the future, if the database cannot keep the change: StoreFullError if its disk is full, StoreLostError if
-            its file is gone.
+            From the future, if the database cannot store the change: StoreFullError if its disk is full, StoreLostError
+            if its file was removed or replaced.
         Exception
-            By the future, whatever the change raises.
+            From the future, whatever the change raises.
         """
         if self._is_in_memory:  # an in-memory database belongs to one thread
             return _completed(partial(_Transactions(self).single, change))
@@ -98,17 +98,17 @@ class Store:
     async def fetch(self, load: Callable[[Connection], T], cache_key: Hashable = None) -> T:
         """Return the few rows that `load` reads, without blocking the event loop.
 
-        A read of an SQLite file runs in place: it takes less time than a switch to a thread, and waits for no writer.
+        A read from SQLite runs in place: it takes less time than a switch to a thread, and waits for no writer.
 
         Parameters
         ----------
         load : callable
         cache_key : hashable, optional
-            A name for the result. The cache then answers until somebody writes to the store.
+            A key under which the result is cached until somebody writes to the store. Only reads from files are cached.
         """
-        if self._cache is None:
+        if self._engine.dialect.name != "sqlite":
             return await asyncio.to_thread(self.load, load)
-        if cache_key is None:
+        if self._cache is None or cache_key is None:
             return self.load(load)
         self.check()
         with as_store_error():
@@ -129,7 +129,7 @@ class Store:
             raw.close()
 
     def erase(self, urgency: Urgency = "now") -> None:
-        """Empty SQLite's write-ahead log, so that it keeps no deleted content; soon, if a reader blocks it."""
+        """Truncate SQLite's write-ahead log, which may contain deleted content (see `LogEraser.erase`)."""
         if self._eraser is not None:
             self._eraser.erase(urgency)
 
@@ -148,29 +148,29 @@ class Store:
 
     def _unused_bytes(self) -> int:
         with self.read() as connection:
-            pages, size = (connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in _UNUSED_PAGES)
+            pages, size = (connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in _UNUSED_PRAGMAS)
         return int(pages) * int(size)
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
         """Yield a connection whose changes are committed together when the block ends without an error.
 
-        This is the writer's own transaction; everything else goes through `change` or `submit`.
+        Only the transactions of `submit` use this; all other code calls `change` or `submit`.
         """
         self.check()
         with as_store_error(), self._engine.begin() as connection:
-            take_mark(connection)  # a mark that a rolled back transaction left
+            take_mark(connection)  # discard the mark of an earlier transaction that was rolled back
             yield connection
             mark = take_mark(connection)
             if not is_open(connection):  # SQLite reports no error for a commit of nothing
                 raise StoreError("the database rolled back the transaction")
-        self.check()  # a file that is gone keeps nothing
+        self.check()  # a commit to a removed file is lost
         if mark:
             self.erase(mark)
 
 
 class _Transactions:
-    """The write transactions of a store, for its writer alone."""
+    """The write transactions of a store, for its writer, or for `Store.submit` if the database is in memory."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -183,7 +183,7 @@ class _Transactions:
         try:
             return self.batch(change)
         except StoreFullError as error:
-            # A refusal by `LibraryDisk.admit` has no cause, and must not use up the reserve: anybody may be refused.
+            # `LibraryDisk.admit_upload` refuses with an error that has no cause. A refusal must not use up the reserve.
             if error.__cause__ is None or self._store.disk is None or not self._store.disk.release():
                 raise
         return self.batch(change)

@@ -1,4 +1,4 @@
-"""Errors and states of database transactions, as the store and its writer need them."""
+"""Errors and states of database transactions, for the store and its writer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def as_store_error() -> Iterator[None]:
     """Replace a database's errors by StoreError, whose message hides the paths and statements of its cause."""
     try:
         yield
-    except (IntegrityError, sqlite3.IntegrityError):  # a fault of this program, not of the database
+    except (IntegrityError, sqlite3.IntegrityError):  # a bug of this program, not a failure of the database
         raise
     except (DatabaseError, TimeoutError, sqlite3.Error) as error:
         if getattr(getattr(error, "orig", error), "sqlite_errorname", "") in _DISK_FULL:

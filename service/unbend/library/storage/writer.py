@@ -1,4 +1,4 @@
-"""The one thread that writes to a store: changes that wait together share a transaction, and one wait for the disk."""
+"""The thread that runs the changes of a store: waiting changes share a transaction, and one wait for the disk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 Change = Callable[[Connection], Any]
 
 _MAX_BATCH: Final = 64
-"""Changes that share a transaction. Other processes wait for the store while a transaction lasts."""
+"""Most changes that share a transaction. Other processes that write wait for its end."""
 
 
 class Transactions(Protocol):
@@ -48,7 +48,7 @@ class Writer:
         self._thread.start()
 
     def submit(self, change: Callable[[Connection], T]) -> Future[T]:
-        """Queue a change; the future has its result, or the error that it or the store raised."""
+        """Queue a change; the future has the result, or the error that the change or the store raised."""
         future: Future[T] = Future()
         self._waiting.put((change, future))
         return future
@@ -80,10 +80,10 @@ class Writer:
                 future.set_exception(outcome.error)
 
     def _write_together(self, changes: Sequence[Change]) -> list[_Outcome] | None:
-        """Run changes in one transaction; None if the database rolled it back, and with it every change."""
+        """Run changes in one transaction; None if the database rolled it back, with every change."""
         try:
             return self._transactions.batch(lambda connection: [_attempt(change, connection) for change in changes])
-        except Exception as error:  # noqa: BLE001  each change then meets its own error
+        except Exception as error:  # noqa: BLE001  each change then runs alone, and may raise its own error
             logger.warning("%d changes were rolled back together, and run again one by one: %s", len(changes), error)
             return None
 

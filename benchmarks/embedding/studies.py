@@ -64,7 +64,7 @@ def order_table(matrices: dict[str, np.ndarray]) -> str:
 
 
 def minima_table(matrices: dict[str, np.ndarray]) -> str:
-    """Say how often each start ends in a minimum above the lowest that random starts of all points find."""
+    """Return how often each start ends in a minimum above the lowest known stress."""
     lines = []
     for dimensions in (2, 3, 4):
         ways: dict[str, list[float]] = {"from classical scaling": [], "from low minima of a few points (ours)": []}

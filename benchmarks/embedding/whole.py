@@ -1,4 +1,4 @@
-"""The time of a signature from file to descriptors, and the share that is not distances."""
+"""The time of a signature from file to descriptors, and the share of it outside the rows of geodesic distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Error, time and memory of geodesic distances, compared with every peer that has a wheel.
+"""Error, time and memory of geodesic distances, compared with every library that has a wheel.
 
 Each method runs in a process of its own, and the methods take turns on a mesh. Writes the section "geodesics" of
 docs/benchmarks.md and docs/pictures/geodesics.png; with --quick, measures less and only prints.

@@ -14,7 +14,7 @@ from benchmarks.geodesics.peers import APPROXIMATE, EXACT, SPHERICAL, Array
 from benchmarks.geodesics.worker import PeerFailedError, Worker
 
 SOURCES = 4
-_LARGEST_EXACT = 20_000  # vertices: exact geodesics take seconds a source beyond
+_LARGEST_EXACT = 20_000  # vertices; on larger meshes exact geodesics take seconds for each source
 
 
 def coarse_table(folder: Folder) -> str:

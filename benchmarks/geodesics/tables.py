@@ -1,4 +1,4 @@
-"""Tables of what was measured on single meshes: error, time, preparation, matrix and memory."""
+"""Tables of the measurements on single meshes: error, time, preparation, matrix and memory."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The picture of the README: shapes in two poses each, and their signatures.
 
-Colour is a point's mean geodesic distance to all others, the same on both. A signature is given up to reflections,
-so the second pose's is drawn in the one nearest to the first's. Writes docs/pictures/signatures.png.
+The colour of a point is its mean geodesic distance to the other points, on the surface and on the signature. A
+signature is defined up to reflections, so the signature of the second pose is drawn in the reflection nearest to the
+first. Writes docs/pictures/signatures.png.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""The choice of the kernels of `spectrum` and the weights of `combined`, on half of the classes.
+"""Chooses the kernels of `spectrum`, the weights of `combined` and the moments of `moments`, on half of the classes.
 
-Every other class, in alphabetical order, of each of the three data sets is the half that chooses, by the mean over
-data sets of the mean average precision; galleries are always whole. Writes "retrieval-choice" of docs/benchmarks.md.
+Every second class of each data set, in alphabetical order, is in the half that chooses. The criterion is the mean over
+data sets of the mean average precision. Galleries always contain all shapes. Writes the section "retrieval-choice" of
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ Choice = tuple[tuple[str, int], ...]
 
 
 def candidates() -> list[Choice]:
-    """Return kernels for the whole surface, with one diffusion or none, with one Gaussian or none."""
+    """Return all combinations of kernels of the whole surface, at most one diffusion and at most one Gaussian."""
     near = {
         name: [(), *(((f"{name} {width}", count),) for width, count in product(widths, COUNTS))]
         for name, widths in WIDTHS.items()
@@ -78,7 +79,7 @@ def candidates() -> list[Choice]:
 
 
 def describe(path: Path) -> dict[str, Array]:
-    """Return the logarithms of a mesh's eigenvalues under every kernel, and its other descriptors."""
+    """Return the geodesic spectrum of a mesh under every kernel, and its other descriptors."""
     surface = read_mesh(path)
     signature = compute_signature(surface, Parameters(), threads=1)
     distances = unit_distances(surface, signature)
@@ -92,7 +93,7 @@ def describe(path: Path) -> dict[str, Array]:
 
 
 class DataSet:
-    """Distances between all shapes of a data set, under a kernel or another descriptor."""
+    """The distances between all shapes of a data set, by a kernel or another descriptor."""
 
     def __init__(self, name: str) -> None:
         paths, labels = listed(name)
@@ -101,7 +102,7 @@ class DataSet:
 
     @cache  # noqa: B019
     def moments(self, blur: float, dropped: tuple[int, int]) -> Array:
-        """Return distances between moments without two of the third ones."""
+        """Return distances between vectors of moments without the two `dropped` third moments."""
         vectors = np.stack([of[f"moments {blur}"] for of in self._described])
         kept = np.delete(vectors, 6 + np.array(dropped), axis=1).astype(np.float32)
         return get_vector_measure("moments").matrix(kept)
@@ -127,7 +128,7 @@ def combined(of: DataSet, weights: tuple[float, float]) -> Array:
 
 
 class Study:
-    """Candidates, and every query's metrics under each of them."""
+    """The candidates, and the metrics of every query under each candidate."""
 
     def __init__(self, data: list[DataSet], names: list[Any], distances: Any) -> None:
         self._data, self._names = data, names
@@ -154,7 +155,7 @@ class Study:
         return lines
 
     def over_splits(self) -> Array:
-        """Return the mean over random halves of what the half that did not choose has."""
+        """Return the metrics of the half that did not choose, as a mean over random halvings."""
         rng, found = np.random.default_rng(0), []
         for _ in range(SPLITS):
             halves = []

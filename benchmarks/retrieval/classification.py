@@ -1,7 +1,8 @@
 """Accuracy of classifiers, calibration of confidences, and detection of unknown classes.
 
-Prints the constants that service/unbend/matching/classification/calibration.py should hold; if it holds others, put
-these there and run again. A few minutes.
+Prints the constants for service/unbend/matching/classification/calibration.py. If that file has other constants, copy
+the printed ones into it and run the benchmark again. Takes a few minutes. Writes the section "classification" of
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ from unbend.matching.measures import DEFAULT_MEASURE, VECTOR_MEASURES
 DATASETS: Final = {"shrec11_simplified": "SHREC'11", "tosca5k": "TOSCA", "shrec07": "SHREC'07"}
 SPLITS: Final = 20
 TRAINED: Final = 10
-"""Shapes a class that are stored; the other six are asked."""
+"""Stored shapes per class; the other shapes of the class are queries."""
 BINS: Final = (0.0, 0.5, 0.7, 0.9, 0.99, 0.999, 1.0)
 
 Sets = tuple[Shapes, ...]
 Answers = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Confidences of the best classes, whether these are right, and confidences of the right ones."""
+"""Per query: confidence of the best class, whether the best class is correct, and confidence of the correct class."""
 
 
 def main() -> None:
@@ -65,12 +66,12 @@ def main() -> None:
         *classification_cost.tables(sets[0].vectors[DEFAULT_MEASURE].shape[1]),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "classification", "\n\n".join(parts))
-    found, held = constants(sets), _held()
+    found, stored = constants(sets), _stored_constants()
     print(f"\nConstants chosen in this run:\n{found}")
-    print("These are in calibration.py." if found == held else f"calibration.py has others:\n{held}")
+    print("These are in calibration.py." if found == stored else f"calibration.py has others:\n{stored}")
 
 
-def _held() -> str:
+def _stored_constants() -> str:
     lines = []
     for measure in VECTOR_MEASURES:
         calibration = CALIBRATIONS[measure]

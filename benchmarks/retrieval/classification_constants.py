@@ -1,4 +1,4 @@
-"""How the constants of service/unbend/matching/classification/calibration.py are chosen, and from what."""
+"""Chooses the constants of service/unbend/matching/classification/calibration.py from the data."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from unbend.matching.classification.classifier import Classifier, Query
 from unbend.matching.measures import VECTOR_MEASURES
 
 SIZES: Final = (1, 2, 4, 8, ALL)
-"""Shapes a class of the libraries, which count alike."""
+"""Shapes per class of the libraries; every size has the same weight."""
 
 MIN_MEMBERS: Final = {"discriminants": discriminants.MIN_MEMBERS}
-"""Shapes a class that a classifier needs, if that is more than one."""
+"""Shapes per class that a classifier needs, if more than one."""
 
 Array = np.ndarray
 Judged = tuple[Array, Array]
-"""How far each query is from the classes, (queries, classes), and the place of its own, (queries,)."""
+"""Dissimilarities of each query and class, (queries, classes), and the index of the correct class, (queries,)."""
 
 
 def softmax(dissimilarities: Array, scale: float) -> Array:
@@ -42,7 +42,7 @@ FORMS: Final[Mapping[str, Callable[[Array, float], Array]]] = {
     "softmax": softmax,
     "softmax of ratios": softmax_of_ratios,
 }
-"""From how far classes are to their probabilities, with one constant."""
+"""Functions from dissimilarities and one constant to probabilities."""
 
 
 def judge(classifier: Classifier, asked: Sequence[Trial]) -> Judged:
@@ -56,7 +56,7 @@ def sizes_for(classifier: Classifier, sizes: Sequence[int | None] = SIZES) -> li
 
 @cache
 def choosing(sets: tuple[Shapes, ...], measure: str, classifier: str) -> list[Judged]:
-    """Return what the choosing halves' queries are told, for each data set and size of library."""
+    """Return the dissimilarities for the queries of the choosing halves, for each data set and size of library."""
     chosen = CLASSIFIERS[classifier]
     asked = (trials(shapes, measure, size, CHOOSING) for shapes in sets for size in sizes_for(chosen))
     return [judge(chosen, some) for some in asked if some]
@@ -68,7 +68,7 @@ def log_loss(shares: Array) -> float:
 
 @cache
 def choose_constant(sets: tuple[Shapes, ...], measure: str, classifier: str, form: str) -> tuple[float, float]:
-    """Return the constant of the least log loss, a mean over data sets and sizes, and that loss."""
+    """Return the constant of the least log loss, and that loss, as a mean over data sets and sizes."""
 
     def loss(logarithm: float) -> float:
         constant = float(np.exp(logarithm))
@@ -82,7 +82,7 @@ def choose_constant(sets: tuple[Shapes, ...], measure: str, classifier: str, for
     return float(np.exp(found.x)), float(found.fun)
 
 
-# Rules of "known": how many times the distances of members to their nearest others a query is from a class.
+# Rules of "known": a query's distance to a class, divided by the members' distances to their nearest other members.
 
 
 def _best(query: Query) -> int:
@@ -118,12 +118,12 @@ LITERAL: Final = ("largest, best class", "largest, any class")
 OPEN_SIZES: Final = (2, 4, 8, ALL)
 
 Told = tuple[Array, Array]
-"""What a rule tells of queries whose class is there, and of those whose class is not."""
+"""Values of a rule for queries whose class is in the library, and for queries whose class is not."""
 
 
 @cache
 def told(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) -> Told:
-    """Leaves out queries whose best class has a single member: nothing is said of them."""
+    """Return the values of a rule, except for queries whose best class has a single member (no rule applies)."""
     known, unknown = (
         np.array(
             [
@@ -150,7 +150,7 @@ def summed(sets: tuple[Shapes, ...], measure: str, rule: str, constant: float) -
 
 @cache
 def choose_slack(sets: tuple[Shapes, ...], measure: str, rule: str) -> float:
-    """Return the constant of the least sum, of several as good the one in the middle."""
+    """Return the constant with the least sum; among several equally good ones, the middle one."""
     grid = np.linspace(0.2, 3.0, 281)
     sums = np.array([summed(sets, measure, rule, constant) for constant in grid])
     best = np.flatnonzero(sums == sums.min())
@@ -158,7 +158,7 @@ def choose_slack(sets: tuple[Shapes, ...], measure: str, rule: str) -> float:
 
 
 def constants(sets: tuple[Shapes, ...]) -> str:
-    """Return the table of calibration.py, as Python."""
+    """Return the table of calibration.py as Python code."""
     lines = []
     for measure in VECTOR_MEASURES:
         exponents = ", ".join(

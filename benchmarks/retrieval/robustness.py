@@ -1,7 +1,7 @@
-"""Retrieval of changed shapes: remeshed, cut, scaled, noisy; and the detection of noise.
+"""Retrieval of disturbed shapes: remeshed, cut, scaled, noisy; and the detection of noise.
 
-Default parameters and measure. Writes "robustness" of docs/benchmarks.md; `--quick` prints a few queries, and writes
-nothing. Some eight minutes on two cores.
+Uses the default parameters and measure, and takes about eight minutes on two cores. Writes the section "robustness" of
+docs/benchmarks.md; `--quick` runs few queries, and only prints.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
 from unbend.mesh.roughness import ROUGH
 
 EVERY = {"tosca5k": 1, "shrec07": 4, "shrec11_simplified": 8}
-"""Which of a data set's meshes are queries: every n-th, in the order of labels.csv. The gallery has all."""
+"""Every n-th mesh of a data set is a query, in the order of labels.csv. The gallery has all meshes."""
 
 QUICK = 24
-"""What of that `--quick` takes, gallery and queries: every n-th."""
+"""With `--quick`, the gallery and the queries have only every n-th mesh."""
 
 POSE = "another pose (itself left out)"
 
@@ -70,7 +70,7 @@ def _text(step: int) -> str:
 
 
 def _rates(dataset: str, step: int) -> tuple[int, int, dict[str, str]]:
-    """Return how many queries and shapes there are, and the rates of each disturbance."""
+    """Return the number of queries, the number of shapes, and the rates of each disturbance."""
     paths, labels = (found[::step] for found in listed(dataset))
     asked = range(0, len(paths), EVERY[dataset])
     jobs = [(NOTHING, path) for path in paths]
@@ -94,7 +94,7 @@ def _rates(dataset: str, step: int) -> tuple[int, int, dict[str, str]]:
 
 
 def _vectors(jobs: Sequence[tuple[str, Path]]) -> list[Singles]:
-    """Return the vectors of the default measure, computed in processes; those that take longest are begun first."""
+    """Return the vectors of the default measure, computed in processes that start with the largest files."""
     order = sorted(range(len(jobs)), key=lambda job: -jobs[job][1].stat().st_size)
     measure, found = get_vector_measure(DEFAULT_MEASURE), dict[int, Singles]()
     for job, descriptors in zip(order, in_processes(described, [jobs[job] for job in order]), strict=True):

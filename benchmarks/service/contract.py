@@ -1,10 +1,10 @@
-"""schemathesis against the HTTP contract with many requests, with and without keys.
+"""Tests the HTTP contract with many requests of schemathesis, with and without API keys.
 
     python -m benchmarks.service.contract [EXAMPLES] [STEPS] [SEED]
 
-Makes up EXAMPLES requests (200 by default) for each operation in each way of making them up, and as many sequences of
-up to STEPS (30) that go on with what was answered; another seed each time unless one is given. Needs the extra `test`.
-Writes "contract" of docs/reliability.md, and ends with an error where anything was found.
+Generates EXAMPLES requests (200 by default) for each operation in each phase, and as many sequences of up to STEPS
+requests (30) that use the answers of earlier requests. The seed is random unless SEED is given. Needs the extra `test`.
+Writes the section "contract" of docs/reliability.md. Exits with an error if a check failed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""The time of real deletion: overwriting content, and emptying the log.
+"""The time of secure deletion: overwriting content, and emptying the write-ahead log.
 
     python -m benchmarks.service.deletion
 
-For files of three sizes, the milliseconds that the store takes for a query's file, from the upload until its job has
-ended, and for removing a shape: as the library does it, with the log left alone, and without overwriting either.
+For files of three sizes, prints the milliseconds that the store takes for a query's file, from the upload to the end of
+its job, and for removing a shape. Compares the library's own way, one without emptying the log, and one that also does
+not overwrite.
 """
 
 from __future__ import annotations

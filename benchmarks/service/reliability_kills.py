@@ -1,4 +1,4 @@
-"""Workers and servers that are killed, again and again."""
+"""Kills workers and servers repeatedly, and reports faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from unbend.progress import STAGES
 WORKERS: Final = 2
 SHARES: Final = {"computing": 0.6, "sending": 0.15, "taking": 0.15, "idle": 0.1}
 EARLY: Final = 5
-"""Of so many servers one is killed before its workers are ready."""
+"""One in this many servers is killed before its workers are ready."""
 
 NAMES: Final = {
     "computing": "at any time from its start to its end",
@@ -33,7 +33,7 @@ NAMES: Final = {
 
 @dataclass(frozen=True)
 class Report:
-    """A section of the page, and what was not as it must be."""
+    """A section of the page, and the faults found."""
 
     text: str
     faults: Sequence[str]
@@ -44,7 +44,7 @@ def progress(message: str) -> None:
 
 
 def kill_workers(count: int, seed: int) -> Report:
-    """Kill a worker `count` times, with jobs in hand and waiting beside."""
+    """Kill a worker `count` times, while jobs are running and queued."""
     random = np.random.default_rng(seed)
     places = np.searchsorted(np.cumsum([SHARES[moment] for moment in MOMENTS]), (np.arange(count) + 0.5) / count)
     moments = random.permutation([MOMENTS[place] for place in places])

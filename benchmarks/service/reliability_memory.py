@@ -1,4 +1,4 @@
-"""Many jobs in a row, and what the processes hold meanwhile."""
+"""Runs many jobs in a row, and measures memory, handles and threads of the processes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from tests.support.server import SAMPLES, Server
 
 CALLERS: Final = 8
 KEPT: Final = 25
-"""Shapes that each caller leaves in the library."""
+"""Shapes that each caller keeps in the library."""
 
 MIX: Final = {"upload": 40, "query": 42, "look": 4, "change": 4, "damaged": 8, "cancel": 2}
 PARTS: Final = 10
 BASE: Final = 1
-"""The part, from 0, that the last one is compared with: by then caches are full."""
+"""The index of the part that the last part is compared with: by then the caches are full."""
 
 GROWTH: Final = 1.05
 MORE_HANDLES: Final = 2
-"""Connections to the store that may be open more or fewer."""
+"""Allowed increase of handles, because the number of open connections to the store varies."""
 
 QUIET_SECONDS: Final = 2.0
 MEGABYTE: Final = 2**20
@@ -34,7 +34,7 @@ MEGABYTE: Final = 2**20
 
 @dataclass(frozen=True)
 class Part:
-    """What was held after a part of the jobs, when all had ended."""
+    """The rate of a part of the jobs, and the footprints of the processes after these jobs ended."""
 
     rate: float
     server: Footprint
@@ -42,7 +42,7 @@ class Part:
 
 
 def work_on(jobs: int, shapes: int, seed: int) -> Report:
-    """Have a server do `jobs` jobs with a library of constant size, and then add `shapes` shapes."""
+    """Have a server run `jobs` jobs with a library of constant size, and then add `shapes` shapes."""
     callers = [Caller(number, seed, mix=MIX, most_kept=KEPT) for number in range(CALLERS)]
     adders = [Caller(CALLERS + number, seed, mix={"upload": 1}) for number in range(CALLERS)]
     parts: list[Part] = []
@@ -53,7 +53,7 @@ def work_on(jobs: int, shapes: int, seed: int) -> Report:
         for caller in callers:
             caller.check(server.url)
         size = server.library.stat().st_size
-        _part(server, adders, CALLERS)  # so that these callers cost nothing more below
+        _part(server, adders, CALLERS)  # so that the fixed costs of these callers are not measured below
         before = _part(server, callers[:1], 20).server
         work(adders, server.url, shapes)
         after = _part(server, callers[:1], 20).server

@@ -1,4 +1,4 @@
-"""How long a server keeps a probe waiting, whatever it is asked, with many shapes and a long history."""
+"""How long expensive requests delay a probe, on a server with many shapes and a long history."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ LARGE_BYTES: Final = 30 * 2**20
 READERS: Final = 60
 FEW: Final = quote('{"samples": 40}')
 LONGEST: Final = 0.25
-"""Seconds that any request may keep the probe waiting."""
+"""Longest allowed delay of the probe, in seconds."""
 
 BACK: Final = 1.2
-"""The server may hold so many times its first memory a minute after."""
+"""Allowed ratio of the server's memory one minute after the requests to its memory before them."""
 
 
 def stall(seed: int) -> Report:
-    """Ask a server for everything nasty, and watch a probe beside it."""
+    """Send expensive requests to a server, and measure the delays of a concurrent probe."""
     with TemporaryDirectory() as folder:
         ids, large = _fill(Path(folder) / "library.db", seed)
         progress("stalls: the library is filled")
@@ -73,7 +73,7 @@ def stall(seed: int) -> Report:
 
 
 def _fill(path: Path, seed: int) -> tuple[list[str], str]:
-    """Make a library of many shapes and answers; return ids of small shapes, and that of a large one."""
+    """Create a library of many shapes and jobs; return the ids of the small shapes and of the large shape."""
     few = Parameters(samples=40)
     packed = PackedSignature.of(compute_signature(read_mesh(small_mesh(0)), few))
     random = np.random.default_rng(seed)

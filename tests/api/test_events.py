@@ -1,4 +1,4 @@
-"""A job's events: each change once, over as many connections as it takes, and an end."""
+"""The event stream of a job: each change is sent once, also across reconnections, and the stream ends with the job."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from unbend.library.requests import ShapeRequest, Upload
 from unbend.progress import STAGES
 
 FEW = '{"samples": 27}'
-"""Parameters that no other test of the shared server has."""
+"""Parameters that no other test on the shared server uses."""
 PATIENCE = 60.0
 ORDER = ("queued", *STAGES, "done")
 
@@ -44,7 +44,7 @@ def http(server) -> Iterator[httpx.Client]:
 
 
 def parsed(lines: Iterator[str]) -> Iterator[tuple[int, dict]]:
-    """The events of a stream as (id, job)."""
+    """Yield the events of a stream as (id, job)."""
     fields: dict[str, str] = {}
     for line in lines:
         if line:
@@ -57,7 +57,7 @@ def parsed(lines: Iterator[str]) -> Iterator[tuple[int, dict]]:
 
 
 def heard(http: httpx.Client, url: str, last: int | None = None) -> list[tuple[int, dict]]:
-    """All events of a job from now, or from `last`, to its end."""
+    """Return all events of a job to its end, from now or after the event `last`."""
     headers = {} if last is None else {"Last-Event-ID": str(last)}
     with http.stream("GET", f"{url}/events", headers=headers) as response:
         assert response.status_code == 200
@@ -69,7 +69,7 @@ def endless(http: httpx.Client, dimensions: int) -> str:
     return post_mesh(http, endless_mesh(), parameters=parameters).headers["Location"]
 
 
-def test_each_change_is_an_event_and_the_end_is_the_last(http):
+def test_each_change_of_a_job_is_one_event_and_the_last_event_is_its_end(http):
     url = post_mesh(http, medium_mesh(), parameters='{"samples": 301}').headers["Location"]
     begun = time.monotonic()
     told = heard(http, url)
@@ -80,10 +80,10 @@ def test_each_change_is_an_event_and_the_end_is_the_last(http):
     assert places == sorted(set(places))
     assert [job["state"] for job in jobs].count("succeeded") == 1
     assert jobs[-1] == http.get(url).json()
-    assert len(told) <= 4 * seconds + 3  # the first, the beginning and the end do not wait
+    assert len(told) <= 4 * seconds + 3  # only the first event, the start and the end are not rate-limited
 
 
-def test_no_proxy_may_keep_or_hold_back_events_and_the_listener_is_told_when_to_come_back(http):
+def test_event_streams_forbid_caching_and_buffering_and_set_the_retry_time(http):
     url = ended(http, post_mesh(http, small_mesh(1), parameters=FEW))["id"]
     response = http.get(f"/v1/jobs/{url}/events")
     assert response.headers["content-type"] == "text/event-stream; charset=utf-8"
@@ -91,7 +91,7 @@ def test_no_proxy_may_keep_or_hold_back_events_and_the_listener_is_told_when_to_
     assert response.text.startswith("retry: 2000\n\nid: ")
 
 
-def test_an_ended_job_is_one_event_and_then_nothing(http):
+def test_the_stream_of_an_ended_job_has_one_event(http):
     job = ended(http, post_mesh(http, DAMAGED, file_name="bad.off"))
     url = f"/v1/jobs/{job['id']}"
     ((number, told),) = heard(http, url)
@@ -102,14 +102,14 @@ def test_an_ended_job_is_one_event_and_then_nothing(http):
 
 
 @pytest.mark.parametrize("last", ["", "x", "-1", "9" * 5000, "1.5"])
-def test_an_id_that_is_nobodys_does_no_harm(http, last):
+def test_an_invalid_last_event_id_is_ignored(http, last):
     shape = stored(http, small_mesh(2), parameters=FEW)
     job = next(job for job in http.get("/v1/jobs").json()["items"] if job["shape_id"] == shape["id"])
     response = http.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": last})
     assert [told for _, told in parsed(iter(response.text.split("\n")))] == [job | {"result": None}]
 
 
-def test_no_such_job_is_a_problem(http):
+def test_events_of_an_unknown_job_are_not_found(http):
     response = http.get("/v1/jobs/nobody/events")
     assert response.status_code == 404
     assert response.headers["content-type"] == "application/problem+json"
@@ -126,7 +126,7 @@ def test_line_separators_in_names_do_not_break_events(http):
     assert told[-1][1]["result"]["shapes"][0]["name"] == name
 
 
-def test_several_listeners_hear_the_end_of_a_cancelled_job_and_nothing_twice(http, server):
+def test_every_listener_receives_the_end_of_a_cancelled_job_once(http, server):
     url = endless(http, 6)
     told: list[list[tuple[int, dict]]] = [[], [], []]
 
@@ -149,7 +149,7 @@ def test_several_listeners_hear_the_end_of_a_cancelled_job_and_nothing_twice(htt
     assert len({events_heard[-1][0] for events_heard in told}) == 1
 
 
-def test_a_listener_that_comes_back_hears_what_it_has_not_and_one_that_goes_away_is_gone(http):
+def test_a_stream_resumes_after_the_last_event_id_and_closes_with_its_client(http):
     url = endless(http, 7)
     try:
         with http.stream("GET", f"{url}/events") as response:
@@ -165,7 +165,7 @@ def test_a_listener_that_comes_back_hears_what_it_has_not_and_one_that_goes_away
         http.delete(url)
 
 
-def test_a_stopping_server_ends_the_stream_and_the_next_one_goes_on(tmp_path):
+def test_a_stopping_server_ends_the_stream_and_the_next_server_resumes_it(tmp_path):
     with Server(tmp_path, workers=1, drain_seconds=0) as first, first.http() as http:
         url = endless(http, 3)
         with http.stream("GET", f"{url}/events") as response:
@@ -173,7 +173,7 @@ def test_a_stopping_server_ends_the_stream_and_the_next_one_goes_on(tmp_path):
             last = next(number for number, job in stream if job["stage"] == "geodesics")
             begun = time.monotonic()
             first.process.send_signal(signal.SIGTERM)
-            for number, job in stream:  # ends without an error, and not by being cut off
+            for number, job in stream:  # the server ends the stream properly, so this loop raises no error
                 assert job["state"] == "running"
                 last = number
             assert time.monotonic() - begun < 3.0

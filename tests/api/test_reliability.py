@@ -1,4 +1,4 @@
-"""Processes killed at chosen moments, and many jobs: small numbers of what benchmarks/service/reliability.py does."""
+"""Processes killed at chosen moments, and many jobs: a short version of benchmarks/service/reliability.py."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tests.support.load import Caller, work
 from tests.support.server import Server
 
 MORE_HANDLES = 2
-"""Connections to the store that may be open more or fewer."""
+"""Allowed increase of file descriptors, because the number of connections to the store varies."""
 MORE_THREADS = 3
-"""Of the event loop's, which come as they are needed, and the one that empties the store's log."""
+"""Allowed increase of threads: threads of the event loop's pool start on demand, as does the eraser of the log."""
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def killer(called):
         yield WorkerKiller(called, http, np.random.default_rng(2))
 
 
-def test_many_jobs_leave_no_handles_and_no_threads(called):
+def test_many_jobs_leak_no_file_descriptors_or_threads(called):
     callers = [Caller(number, 1, most_kept=5) for number in range(4)]
     work(callers, called.url, 100)
     before = footprint(called.process.pid)
@@ -43,14 +43,14 @@ def test_many_jobs_leave_no_handles_and_no_threads(called):
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_a_worker_killed_at_any_moment_costs_one_job_an_attempt_at_most(killer, moment):
+def test_killing_a_worker_repeats_at_most_one_job(killer, moment):
     kill = killer.kill(moment)
     assert kill.faults == ()
     assert kill.hit <= 1
     assert kill.seconds < PATIENCE
 
 
-def test_what_was_acknowledged_outlives_servers_killed_under_load(tmp_path):
+def test_acknowledged_jobs_survive_servers_killed_under_load(tmp_path):
     crashes = Crashes(tmp_path, seed=3, callers=3)
     found = [crashes.crash(early=early) for early in (False, True, False)]
     crashes.finish()

@@ -19,5 +19,5 @@ def test_a_case_has_the_area_it_should_have(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_case_that_is_not_read_says_why(tmp_path, name):
+def test_every_unreadable_mesh_file_is_refused_with_its_message(tmp_path, name):
     failed_with_a_sentence(called("signature", CASES / name, "-o", tmp_path / "signature.json"), REFUSED[name])

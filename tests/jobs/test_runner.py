@@ -399,7 +399,7 @@ def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loo
         loop(runner.call(convert, StoredMesh(mesh.library_url, "0" * 64, "ply", READ), "off"))
 
 
-def test_a_job_that_is_not_there_is_not_found(shared, loop):
+def test_an_unknown_job_is_not_found(shared, loop):
     runner, _ = shared
     for call in (runner.status, runner.cancel, lambda job_id: runner.wait(job_id, 1.0)):
         with pytest.raises(NotFoundError, match="no job nobody"):

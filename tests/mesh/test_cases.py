@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.mesh_cases import AREAS, CASES, REFUSED, TOLD, surface_area_of
+from tests.support.mesh_cases import AREAS, CASES, NOTES, REFUSED, surface_area_of
 from unbend import read_mesh
 from unbend.errors import MeshFormatError
 from unbend.mesh.formats.detect import detect_format
@@ -27,7 +27,7 @@ def test_a_case_has_the_area_it_should_have(name, named):
     corners = parsed.vertices[parsed.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     assert areas.sum() == pytest.approx(AREAS[name], rel=1e-5)
-    assert any(TOLD[name] in note for note in parsed.notes) if name in TOLD else parsed.notes == ()
+    assert any(NOTES[name] in note for note in parsed.notes) if name in NOTES else parsed.notes == ()
 
 
 @pytest.mark.parametrize("name", AREAS)
@@ -36,10 +36,10 @@ def test_a_case_is_one_surface(name):
     body = surface_area_of(name)
     assert surface.area == pytest.approx(body, rel=1e-4)
     assert surface.report.components == (1 if body == AREAS[name] else 2)
-    assert any(TOLD[name] in note for note in surface.report.notes) if name in TOLD else True
+    assert any(NOTES[name] in note for note in surface.report.notes) if name in NOTES else True
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_case_that_is_not_read_says_why(name):
+def test_every_unreadable_mesh_file_is_refused_with_its_message(name):
     with pytest.raises(MeshFormatError, match=REFUSED[name]):
         read_mesh(CASES / name)

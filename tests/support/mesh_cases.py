@@ -20,7 +20,7 @@ AREAS = {
     "stl_end_solid_two_words.stl": OCTAHEDRON, "stl_no_endsolid.stl": OCTAHEDRON,
     "stl_noise_last_digit.stl": OCTAHEDRON, "det_ply_panel.stl": OCTAHEDRON, "det_glued": OCTAHEDRON,
 }  # fmt: skip
-TOLD = {
+NOTES = {
     "glb_skinned_node_scaled.glb": "1 mesh with a skin",
     "glb_skinned_body_and_prop.glb": "2 meshes in 2 places",
     "obj_two_corner_face.obj": "1 face of fewer than three corners skipped",

@@ -1,4 +1,4 @@
-"""The files of `mesh_cases` on the command line: the area they should have, or the same sentence."""
+"""The files of `mesh_cases` on the command line: each has its area, or fails with its message."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.support.mesh_cases import AREAS, CASES, REFUSED, surface_area_of
 
 
 @pytest.mark.parametrize("name", AREAS)
-def test_a_case_has_the_area_it_should_have(tmp_path, name):
+def test_every_valid_mesh_file_has_its_area(tmp_path, name):
     target = tmp_path / "signature.json"
     succeeded("signature", CASES / name, "-o", target, "--samples", 4, run=called)
     scale = json.loads(target.read_text())["scale"]  # by default the square root of the area

@@ -1,4 +1,4 @@
-"""The command line, as a process: what it prints, where, and its exit status."""
+"""The command line: its output, its messages and its exit status."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MEMBERS = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Two classes in two folders, with labels."""
+    """A folder of two classes in two subfolders, with a file of labels."""
     made = tmp_path_factory.mktemp("meshes")
     lines = ["path,class,more"]
     for name, surface in MEMBERS.items():
@@ -49,7 +49,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def library(folder, tmp_path_factory) -> str:
-    """A library that the folder was imported into."""
+    """A library with the shapes of the folder."""
     path = tmp_path_factory.mktemp("library") / "library.db"
     done = succeeded("import", folder, "--labels", folder / "labels.csv", "--library", path)
     assert done.stdout == "5 of 5 shapes imported: 5 new\n"
@@ -62,7 +62,7 @@ def test_help_lists_the_commands():
     assert succeeded("--version").stdout.strip() == "unbend, version 0.1.0"
 
 
-def test_help_loads_nothing_heavy():
+def test_help_imports_no_heavy_packages():
     heavy = "('numpy', 'numba', 'scipy', 'trimesh', 'sqlalchemy', 'fastapi', 'httpx')"
     code = f"import sys, unbend.cli; print([name for name in {heavy} if name in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -74,7 +74,7 @@ def test_every_command_has_help(command):
     assert "Usage:" in succeeded(command, "--help", run=called).stdout
 
 
-def test_the_whole_form_has_every_vertex(folder, tmp_path):
+def test_the_whole_option_gives_every_vertex(folder, tmp_path):
     mesh, output = folder / "sheets/rolled.ply", tmp_path / "form.ply"
     done = succeeded("signature", mesh, "-o", output, "--whole", "--samples", 30, run=called)
     surface = read_mesh(mesh)
@@ -125,7 +125,7 @@ def test_a_signature_is_written_in_every_format(folder, tmp_path, file_type):
     np.testing.assert_allclose(points[:, :2], expected, atol=1e-6)
 
 
-def test_a_signature_goes_to_standard_output_as_one_json_object(folder):
+def test_a_signature_is_printed_as_one_json_object(folder):
     done = succeeded("signature", folder / "rings/thin.ply", "--samples", 20)
     assert json.loads(done.stdout)["parameters"] == Parameters(samples=20).as_dict()
     assert done.stderr == ""
@@ -148,7 +148,7 @@ def test_every_parameter_is_an_option(folder):
     np.testing.assert_allclose(told["points"], expected.points, atol=1e-6)
 
 
-def test_what_was_repaired_is_said_on_standard_error(tmp_path):
+def test_repairs_are_reported_on_standard_error(tmp_path):
     surface = sheet(columns=3, rows=2)
     corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]
     faces = ["3 " + " ".join(map(str, face)) for face in surface.faces.tolist()]
@@ -174,12 +174,12 @@ def test_an_import_with_labels_stores_every_file_with_its_class(library):
         assert [shape.name for shape in opened.page().items] == [Path(name).stem for name in MEMBERS]
 
 
-def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder, tmp_path):
+def test_an_import_can_use_folders_as_labels_and_names_files_that_fail(folder, tmp_path):
     for name in MEMBERS:
         (tmp_path / "in" / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / "in" / name).write_bytes((folder / name).read_bytes())
     (tmp_path / "in/rings/broken.off").write_bytes(DAMAGED)
-    (tmp_path / "in/rings/folder.off").mkdir()  # named like a mesh, but none
+    (tmp_path / "in/rings/folder.off").mkdir()  # a folder with the name of a mesh
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--library", tmp_path / "library.db")
     assert done.returncode == 3, done.stderr
     assert done.stdout == "5 of 6 shapes imported: 5 new\n"
@@ -190,7 +190,7 @@ def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder
         assert opened.labels() == {"sheets": 3, "rings": 2}
 
 
-def test_an_import_again_stores_nothing_twice(folder, library):
+def test_a_repeated_import_stores_nothing_twice(folder, library):
     assert (
         succeeded("import", folder, "--library", library, run=called).stdout
         == "5 of 5 shapes imported: 0 new, 5 there already\n"
@@ -200,12 +200,12 @@ def test_an_import_again_stores_nothing_twice(folder, library):
         assert opened.labels() == {"sheets": 3, "rings": 2}
 
 
-def test_the_library_can_be_named_by_the_environment(folder, library):
+def test_the_library_can_be_set_by_the_environment(folder, library):
     told = succeeded("query", folder / "sheets/flat.ply", "--json", UNBEND_LIBRARY=library, run=called).stdout
     assert len(json.loads(told)["shapes"]) == 5
 
 
-def test_an_import_over_http_stores_the_good_files_and_names_the_bad(folder, tmp_path, small_server):
+def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp_path, small_server):
     for name in MEMBERS:
         (tmp_path / "in" / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / "in" / name).write_bytes((folder / name).read_bytes())
@@ -222,7 +222,7 @@ def test_an_import_over_http_stores_the_good_files_and_names_the_bad(folder, tmp
         assert (classes["sheets"], classes["rings"]) == (3, 2)
 
 
-def test_a_query_shows_classes_and_shapes_and_the_same_from_a_library_and_a_service(folder, tmp_path, library, server):
+def test_a_query_gives_the_same_result_from_a_library_and_a_service(folder, tmp_path, library, server):
     query = tmp_path / "query.ply"
     query.write_bytes(ply(cylinder(4.0, **GRID)))
     told = json.loads(succeeded("query", query, "--library", library, "--json", "-k", 2, "--measure", "moments").stdout)
@@ -246,14 +246,14 @@ READ = MeshPolicy(components="bridge", max_vertices=70, smooth=2, seams="keep")
 
 @pytest.fixture(scope="module")
 def rings(tmp_path_factory) -> Path:
-    """A folder of one mesh, of two components."""
+    """A folder with one mesh of two components."""
     made = tmp_path_factory.mktemp("rings")
     (made / "rings.ply").write_bytes(ply(two_rings(7)))
     return made
 
 
 @pytest.mark.parametrize("place", ["library", "url"])
-def test_an_import_and_a_query_read_and_compute_as_their_options_say(rings, tmp_path, server, place):
+def test_an_import_and_a_query_apply_their_options(rings, tmp_path, server, place):
     where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
     succeeded("import", rings, *where, *OPTIONS, run=called)
     with Library(str(tmp_path / "a.db" if place == "library" else server.library)) as opened:
@@ -269,7 +269,7 @@ def test_an_import_and_a_query_read_and_compute_as_their_options_say(rings, tmp_
     assert record.id not in [other["id"] for other in others]
 
 
-def test_compare_reads_and_computes_as_its_options_say(rings, folder):
+def test_compare_applies_its_options(rings, folder):
     a, b = rings / "rings.ply", folder / "rings/thin.ply"
     told = float(succeeded("compare", a, b, *OPTIONS, run=called).stdout)
     expected = compare(*(compute_signature(read_mesh(path, policy=READ), CHOSEN) for path in (a, b)))
@@ -277,14 +277,14 @@ def test_compare_reads_and_computes_as_its_options_say(rings, folder):
     assert told != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-6], run=called).stdout), rel=1e-3)
 
 
-def test_a_signature_of_a_simplified_mesh_says_so(rings):
+def test_a_signature_reports_that_its_mesh_was_simplified(rings):
     done = succeeded("signature", rings / "rings.ply", "--components", "bridge", "--max-vertices", 50, run=called)
     assert len(json.loads(done.stdout)["samples"]) <= 50
     assert "simplified from 78 to" in done.stderr
     assert "1 link between 2 components" in done.stderr
 
 
-def test_an_evaluation_tells_how_far_classes_are_apart(folder, tmp_path):
+def test_an_evaluation_can_include_the_separation_of_classes(folder, tmp_path):
     labels, page = folder / "labels.csv", tmp_path / "report.html"
     asked = ["evaluate", folder, "--labels", labels, "--separation", "--samples", 40, "--measure", "moments"]
     told = json.loads(succeeded(*asked, "--json", "--html", page).stdout)
@@ -303,7 +303,7 @@ def test_an_evaluation_tells_how_far_classes_are_apart(folder, tmp_path):
     assert "m = 6" in text
 
 
-def test_evaluation_refuses_meshes_that_its_options_refuse(folder, rings):
+def test_an_evaluation_applies_its_reading_options(folder, rings):
     labels = rings / "labels.csv"
     labels.write_text(f"path,class\nrings.ply,b\n{folder}/rings/thin.ply,a\n{folder}/rings/thick.ply,a\n")
     told = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=called)
@@ -312,17 +312,17 @@ def test_evaluation_refuses_meshes_that_its_options_refuse(folder, rings):
     assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=called).stderr == ""
 
 
-def test_an_import_whose_options_the_service_refuses_is_one_clear_line(folder, server):
+def test_an_import_with_options_that_the_service_refuses_fails_with_one_line(folder, server):
     for option, word in (("--samples", "samples"), ("--max-vertices", "max_vertices")):
         failed_with_a_sentence(called("import", folder, "--url", server.url, option, 3), word)
 
 
-def test_a_query_of_an_empty_library_says_so(folder, tmp_path):
+def test_a_query_reports_an_empty_library(folder, tmp_path):
     done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=called)
     assert "no shapes to compare with" in done.stdout
 
 
-def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folder):
+def test_an_evaluation_prints_the_metrics_of_every_measure_as_json(folder):
     done = succeeded("evaluate", folder, "--labels", folder / "labels.csv", "--json", "--samples", 40)
     told = json.loads(done.stdout)
     assert set(told) == set(VECTOR_MEASURES)
@@ -338,7 +338,7 @@ def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folde
     assert done.stderr == ""
 
 
-def test_evaluation_against_a_gallery_counts_the_right_nearest_classes(folder, tmp_path):
+def test_an_evaluation_against_a_gallery_prints_the_accuracy(folder, tmp_path):
     (tmp_path / "queries.csv").write_text(
         "class,path\nsheets,sheets/rolled.ply\nsheets,rings/thin.ply\nrings,bad.off\n"
     )
@@ -382,7 +382,7 @@ def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_c
     assert classes[2].split()[:5] == ["sheets", "1", "1", "1.000", "1.000"]
 
 
-def test_evaluation_without_a_usable_query_is_wrong_throughout(folder, tmp_path):
+def test_an_evaluation_counts_unreadable_queries_as_wrong(folder, tmp_path):
     (tmp_path / "bad.off").write_bytes(DAMAGED)
     (tmp_path / "bad.csv").write_text(f"path,class\n{tmp_path}/bad.off,rings\n")
     (tmp_path / "good.csv").write_text("path,class\nsheets/flat.ply,sheets\n")
@@ -394,7 +394,7 @@ def test_evaluation_without_a_usable_query_is_wrong_throughout(folder, tmp_path)
     assert "unbend: none of the gallery's files can be used" in done.stderr
 
 
-def test_evaluation_writes_a_page_beside_what_it_prints(folder, tmp_path):
+def test_an_evaluation_writes_an_escaped_html_page(folder, tmp_path):
     name = "<script>alert(1)<.ply"
     (tmp_path / name).write_bytes((folder / "rings/thin.ply").read_bytes())
     (tmp_path / f"{name}.off").write_bytes(DAMAGED)
@@ -406,8 +406,8 @@ def test_evaluation_writes_a_page_beside_what_it_prints(folder, tmp_path):
     assert all(set(figures) == FIGURES for figures in told.values())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<script" not in page
-    assert "&lt;script&gt;alert(1)&lt;.ply.off</bdi>" in page  # failed
-    assert "&lt;script&gt;alert(1)&lt;.ply</bdi>" in page  # taken for the ring that it is
+    assert "&lt;script&gt;alert(1)&lt;.ply.off</bdi>" in page  # listed as unreadable
+    assert "&lt;script&gt;alert(1)&lt;.ply</bdi>" in page  # listed as misclassified, because it is a ring
     for measure, figures in told.items():
         assert f"<bdi>{measure}</bdi>" in page
         assert f">{figures['map']:.3f}<" in page
@@ -416,7 +416,7 @@ def test_evaluation_writes_a_page_beside_what_it_prints(folder, tmp_path):
         assert f"<bdi>{setting}</bdi></th><td><bdi>{'none' if value is None else value}</bdi>" in page
 
 
-def test_evaluation_shows_a_table_of_the_measures_picked(folder):
+def test_an_evaluation_prints_a_table_of_the_chosen_measures(folder):
     lines = succeeded(
         "evaluate", folder, "--labels", folder / "labels.csv", "--measure", "moments", run=called
     ).stdout.splitlines()
@@ -439,7 +439,7 @@ def test_evaluation_shows_a_table_of_the_measures_picked(folder):
     ids=["no class", "no path", "empty", "no rows", "no name", "no file", "not UTF-8", "long field"],
 )
 @pytest.mark.parametrize("command", ["evaluate", "import"])
-def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_path, command, text, words):
+def test_an_invalid_file_of_labels_fails_with_one_line(folder, tmp_path, command, text, words):
     labels = tmp_path / "labels.csv"
     labels.write_bytes(text.encode(errors="surrogateescape"))
     library = ["--library", tmp_path / "library.db"] if command == "import" else []
@@ -464,7 +464,7 @@ def test_files_without_a_class_are_imported_without_a_label_and_not_evaluated(fo
     failed_with_a_sentence(called("evaluate", folder, "--labels", labels), "no row has a class")
 
 
-def test_a_library_is_exported_and_what_was_exported_is_imported_and_evaluated(library, tmp_path):
+def test_an_exported_library_can_be_imported_and_evaluated(library, tmp_path):
     out = tmp_path / "out"
     assert succeeded("export", out, "--library", library, run=called).stdout == f"{out}: 5 shapes\n"
     labels = ["--labels", out / "labels.csv"]
@@ -524,7 +524,7 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
         ("restore {new}/nowhere.db --library {new}/a.db", ["no file"]),
     ],
 )
-def test_what_cannot_be_done_is_one_clear_line(folder, tmp_path, command, words):
+def test_every_error_is_one_clear_line(folder, tmp_path, command, words):
     (tmp_path / "bad.off").write_bytes(DAMAGED)
     (tmp_path / "empty").mkdir()
     (tmp_path / "letter.db").write_bytes(b"no database " * 200)
@@ -532,26 +532,26 @@ def test_what_cannot_be_done_is_one_clear_line(folder, tmp_path, command, words)
     failed_with_a_sentence(called(*(part.format(**names) for part in command.split())), *words)
 
 
-def test_an_error_is_one_clear_line_of_a_process_too(tmp_path):
+def test_an_error_of_a_process_is_one_clear_line(tmp_path):
     (tmp_path / "bad.off").write_bytes(DAMAGED)
     failed_with_a_sentence(unbend("signature", tmp_path / "bad.off"), "ends early")
 
 
-def test_wrong_usage_has_a_status_of_its_own(folder, tmp_path):
+def test_wrong_usage_has_exit_status_2(folder, tmp_path):
     failed_with_a_sentence(called("signature", tmp_path / "none.ply"), "none.ply", status=2)
     both = called("import", folder, "--labels", folder / "labels.csv", "--label-from", "folder")
     failed_with_a_sentence(both, "exclude each other", status=2)
 
 
 @pytest.mark.parametrize("name", ["UNBEND_WORKERS", "UNBEND_MAX_QUEUED", "UNBEND_JOB_SECONDS"])
-def test_a_server_with_a_wrong_setting_does_not_start_and_names_it(name):
+def test_a_server_with_an_invalid_setting_does_not_start_and_names_it(name):
     done = called("serve", "--port", 0, **{name: "-1"})
     assert done.returncode == 1
     assert name in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_a_server_whose_library_cannot_be_opened_ends_with_a_sentence(tmp_path):
+def test_a_server_whose_library_cannot_be_opened_exits_with_a_message(tmp_path):
     done = unbend("serve", "--port", 0, "--library", tmp_path / "nowhere/a.db")
     assert done.returncode not in {0, None}
     assert "cannot be opened" in done.stderr
@@ -562,14 +562,14 @@ def test_a_server_whose_library_cannot_be_opened_ends_with_a_sentence(tmp_path):
     ("name", "value"),
     [("UNBEND_OPEN", "perhaps"), ("UNBEND_CORS_ORIGINS", "https://a.example/path"), ("UNBEND_CORS_ORIGINS", "a")],
 )
-def test_a_setting_of_access_that_is_wrong_is_named(name, value):
+def test_an_invalid_access_setting_is_named(name, value):
     done = called("serve", "--port", 0, **{name: value})
     assert done.returncode == 1
     assert name in done.stderr
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", ""])  # noqa: S104
-def test_a_library_without_keys_is_not_served_to_others_unless_told(tmp_path, host):
+def test_a_library_without_keys_is_not_served_to_other_machines(tmp_path, host):
     done = called("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
     assert done.returncode == 1
     assert "the library has no keys" in done.stderr
@@ -596,14 +596,14 @@ def test_a_key_is_shown_once_then_listed_and_revoked(tmp_path):
     failed_with_a_sentence(called("keys", "create", "", *library), "name")
 
 
-def test_a_key_reads_by_default_and_the_library_can_be_named_by_the_environment(tmp_path):
+def test_a_new_key_may_only_read_by_default(tmp_path):
     named = {"UNBEND_LIBRARY": str(tmp_path / "a.db")}
     succeeded("keys", "create", "x", run=called, **named)
     (told,) = json.loads(succeeded("keys", "list", "--json", run=called, **named).stdout)["keys"]
     assert told["scope"] == "read"
 
 
-def test_commands_over_http_send_the_key_of_the_environment(folder, tmp_path):
+def test_commands_send_the_api_key_of_the_environment(folder, tmp_path):
     library = ("--library", tmp_path / "library.db")
     reader, writer = (
         succeeded("keys", "create", scope, "--scope", scope, *library, run=called).stdout.strip()
@@ -627,7 +627,7 @@ def test_the_openapi_document_is_printed_and_written(tmp_path):
     assert (tmp_path / "o.json").read_text() == committed
 
 
-def test_the_demo_is_written_with_labels_that_evaluate_reads(tmp_path):
+def test_the_demo_is_written_with_a_file_of_labels(tmp_path):
     done = succeeded("demo", "--write", tmp_path / "demo", run=called)
     lines = (tmp_path / "demo/labels.csv").read_text().splitlines()
     assert lines[0] == "path,class"
@@ -637,7 +637,7 @@ def test_the_demo_is_written_with_labels_that_evaluate_reads(tmp_path):
     assert read_mesh(tmp_path / "demo" / min(names)).area > 0
 
 
-def test_progress_is_shown_on_a_terminal_and_standard_output_stays_clean(folder, tmp_path):
+def test_progress_is_shown_on_a_terminal_but_not_on_standard_output(folder, tmp_path):
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "unbend", "import", str(folder), "--library", str(tmp_path / "a.db")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, env=without_settings()) as process:

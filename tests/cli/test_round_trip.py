@@ -1,4 +1,4 @@
-"""What is exported is what is imported: names, labels, metadata, parameters and policies, into a file and a service."""
+"""An exported library can be imported unchanged, into a library and into a service."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SHAPES = [
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
-    """A library with hostile names, and the same files computed and read in several ways; and its export."""
+    """The export and the records of a library with unusual names, parameters and policies."""
     folder = tmp_path_factory.mktemp("original")
     with Library(str(folder / "a.db")) as library:
         for number, (name, label, metadata) in enumerate(SHAPES):
@@ -45,7 +45,7 @@ def told(items) -> list[dict]:
     return sorted(fields, key=repr)
 
 
-def test_a_library_comes_back_as_it_was(original, tmp_path):
+def test_an_exported_library_is_imported_unchanged(original, tmp_path):
     folder, before = original
     arguments = ("import", folder, "--labels", folder / "labels.csv", "--library", tmp_path / "b.db")
     assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 11 new\n"
@@ -54,7 +54,7 @@ def test_a_library_comes_back_as_it_was(original, tmp_path):
     assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 0 new, 11 there already\n"
 
 
-def test_a_library_comes_back_over_http_as_it_was(original, tmp_path):
+def test_an_exported_library_is_imported_unchanged_over_http(original, tmp_path):
     folder, before = original
     with Server(tmp_path, workers=1) as server:
         arguments = ("import", folder, "--labels", folder / "labels.csv", "--url", server.url)
@@ -77,7 +77,7 @@ def relabel(source, target) -> None:
         writer.writerows(rows)
 
 
-def test_corrected_labels_are_taken(original, tmp_path):
+def test_a_repeated_import_applies_corrected_labels(original, tmp_path):
     folder, _ = original
     library = ("--library", tmp_path / "b.db")
     succeeded("import", folder, "--labels", folder / "labels.csv", *library, run=called)
@@ -88,7 +88,7 @@ def test_corrected_labels_are_taken(original, tmp_path):
         assert opened.labels()["corrected"] == 1
 
 
-def test_options_count_more_than_what_was_exported(original, tmp_path):
+def test_options_override_exported_parameters(original, tmp_path):
     folder, _ = original
     library = ("--library", tmp_path / "b.db")
     succeeded("import", folder, "--labels", folder / "labels.csv", *library, "--samples", 30, run=called)
@@ -96,7 +96,7 @@ def test_options_count_more_than_what_was_exported(original, tmp_path):
         assert {shape.parameters.samples for shape in opened.page(limit=500).items} == {30}
 
 
-def test_files_that_are_the_same_and_files_that_are_passed_over_are_said(tmp_path):
+def test_an_import_reports_duplicate_and_ignored_files(tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
     for name in ("a.ply", "b.ply"):
@@ -111,7 +111,7 @@ def test_files_that_are_the_same_and_files_that_are_passed_over_are_said(tmp_pat
 
 
 @pytest.mark.parametrize(("column", "text"), [("metadata", "[1]"), ("parameters", "{"), ("policy", "1")])
-def test_a_document_that_is_none_is_told_with_its_line(tmp_path, column, text):
+def test_invalid_json_in_a_file_of_labels_is_reported_with_its_line(tmp_path, column, text):
     (tmp_path / "a.ply").write_bytes(small_mesh(1))
     (tmp_path / "labels.csv").write_text(f"path,class,{column}\na.ply,cat,{text}\n")
     done = called("import", tmp_path, "--labels", tmp_path / "labels.csv", "--library", tmp_path / "a.db")

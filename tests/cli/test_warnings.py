@@ -1,4 +1,4 @@
-"""What may be wrong with an answer, on standard error of every command that reads a mesh; and names of any bytes."""
+"""Warnings about meshes on standard error of every command, and file names that are not UTF-8."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FEW = ["--samples", 8]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Four rings of two classes, and two balls in one file that do not hang together."""
+    """A folder of four rings in two classes, and a file with two disconnected spheres."""
     made = tmp_path_factory.mktemp("parts")
     ball = sphere(1)
     vertices = np.concatenate([ball.vertices, ball.vertices + 3])
@@ -38,7 +38,7 @@ def warnings_in(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("place", ["library", "url"])
-def test_import_and_query_say_that_most_of_a_mesh_was_dropped(folder, tmp_path, server, place):
+def test_import_and_query_warn_about_a_dropped_component(folder, tmp_path, server, place):
     where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
     (line,) = warnings_in(succeeded("import", folder, *where, *FEW, run=called).stderr)
     assert line.startswith(f"{folder / 'apart.ply'}: warning: only 50.0% of the area was kept")
@@ -58,7 +58,7 @@ def test_import_and_query_say_that_most_of_a_mesh_was_dropped(folder, tmp_path, 
     ],
     ids=lambda command: command[0],
 )
-def test_every_command_that_reads_a_mesh_says_so(folder, command, monkeypatch):
+def test_every_command_that_reads_a_mesh_warns_about_a_dropped_component(folder, command, monkeypatch):
     monkeypatch.chdir(folder)
     (line,) = warnings_in(succeeded(*command, *FEW, run=called).stderr)
     assert "apart.ply: warning: only 50.0%" in line
@@ -66,7 +66,7 @@ def test_every_command_that_reads_a_mesh_says_so(folder, command, monkeypatch):
     assert warnings_in(linked.stderr) == []
 
 
-def test_every_file_of_a_folder_ends_in_the_report_whatever_it_is_called(tmp_path):
+def test_files_whose_names_are_not_utf8_are_imported_and_reported(tmp_path):
     names = [b"a.ply", b"m\xe9.ply", b"caf\xe9/m\xe9.ply", b"caf\xe9/bad\xe9.off", b"z.ply"]
     for number, name in enumerate(names):
         file = tmp_path / "in" / os.fsdecode(name)
@@ -88,7 +88,7 @@ def test_every_file_of_a_folder_ends_in_the_report_whatever_it_is_called(tmp_pat
     assert set(json.loads(told.stdout)) >= {"spectrum"}
 
 
-def test_labels_name_files_by_their_bytes(tmp_path):
+def test_a_file_of_labels_may_name_files_that_are_not_utf8(tmp_path):
     for number, name in enumerate([b"m\xe9.ply", b"n\xe9.ply"]):
         (tmp_path / os.fsdecode(name)).write_bytes(small_mesh(number))
     labels, path = tmp_path / "labels.csv", tmp_path / "a.db"

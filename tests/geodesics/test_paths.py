@@ -143,7 +143,7 @@ def test_around_a_spire_the_path_goes_not_over_it():
     assert length(path) == pytest.approx(exact_distances(surface, np.array([5]))[0, 115], rel=1e-9)
 
 
-def test_coarse_real_meshes_against_exact_geodesics(labelled):
+def test_distances_on_coarse_real_meshes_are_near_exact_geodesics(labelled):
     errors = []
     for number, (file, _) in enumerate(labelled("shrec11_simplified")[::60]):
         surface = read_mesh(file)

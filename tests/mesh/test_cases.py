@@ -21,7 +21,7 @@ def test_every_case_is_looked_at():
 
 @pytest.mark.parametrize("name", AREAS)
 @pytest.mark.parametrize("named", [True, False])
-def test_a_case_has_the_area_it_should_have(name, named):
+def test_every_valid_mesh_file_has_its_area(name, named):
     data = (CASES / name).read_bytes()
     parsed = REGISTRY[detect_format(data, Path(name).suffix[1:] if named else None)].read(data, UNLIMITED)
     corners = parsed.vertices[parsed.faces]

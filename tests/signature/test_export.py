@@ -106,7 +106,7 @@ def test_json_and_npz_of_a_form_hold_every_coordinate():
         np.testing.assert_array_equal(arrays["samples"], form.signature.samples)
 
 
-def test_an_unknown_log_format_is_refused():
+def test_an_unknown_format_is_refused():
     form = canonical_form(SURFACE, Parameters(samples=60))
     with pytest.raises(ParameterError, match="ply"):
         export_form(form, "step")

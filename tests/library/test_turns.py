@@ -1,4 +1,4 @@
-"""Whose job is next: keys take turns, and a place in the queue is what it says."""
+"""The order of the queue: API keys take turns, and the reported positions are correct."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def send(connection, number: int, owner: str | None, data: bytes = b"") -> job_r
     return job_rows.enqueue(connection, key=key, file_type="off", request=request, sender=Sender(owner))
 
 
-def test_sixty_of_one_key_do_not_put_another_back(library):
+def test_many_jobs_of_one_key_do_not_delay_another_key(library):
     with library.store.write() as connection:
         for number in range(60):
             send(connection, number, "a")
@@ -35,7 +35,7 @@ def test_sixty_of_one_key_do_not_put_another_back(library):
     owners=st.lists(st.sampled_from([None, "a", "b", "c"]), min_size=1, max_size=14),
     begun=st.integers(0, 6),
 )
-def test_the_place_of_a_job_is_how_many_are_begun_before_it(tmp_path_factory, owners, begun):
+def test_the_position_of_a_job_is_the_number_of_jobs_that_start_before_it(tmp_path_factory, owners, begun):
     with (
         Library(str(tmp_path_factory.mktemp("turns") / "a.db")) as library,
         library.store.write() as connection,
@@ -51,7 +51,7 @@ def test_the_place_of_a_job_is_how_many_are_begun_before_it(tmp_path_factory, ow
         assert places == {one: place for place, one in enumerate(order)}
 
 
-def test_an_upload_waits_while_another_of_its_file_is_computed(library):
+def test_an_upload_waits_while_an_equal_upload_is_computed(library):
     with library.store.write() as connection:
         first, second = (send(connection, number, owner, b"same") for number, owner in enumerate("ab"))
         other = send(connection, 2, "a")

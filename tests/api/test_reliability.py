@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.crashes import Crashes
+from tests.support.crashes import Crashes, leftovers
 from tests.support.footprint import footprint
 from tests.support.kills import MOMENTS, PATIENCE, WorkerKiller
 from tests.support.load import Caller, work
@@ -57,3 +57,11 @@ def test_acknowledged_jobs_survive_servers_killed_under_load(tmp_path):
     assert crashes.faults == []
     assert sum(crash.acknowledged for crash in found) > 5
     assert all(caller.ended for caller in crashes.callers)
+
+
+def test_empty_temporary_files_of_sqlite_are_not_leftovers(tmp_path):
+    (tmp_path / "etilqs_0123456789abcdef").touch()
+    assert leftovers(tmp_path) == []
+    (tmp_path / "etilqs_fedcba9876543210").write_bytes(b"content")
+    (tmp_path / "unbend-backup-1").mkdir()
+    assert {path.name for path in leftovers(tmp_path)} == {"etilqs_fedcba9876543210", "unbend-backup-1"}

@@ -17,6 +17,7 @@ from unbend.library.shape_rows import MAX_PAGE
 from unbend.library.storage import schema
 from unbend.matching.classification import CLASSIFIERS
 from unbend.matching.measures import MEASURES, VECTOR_MEASURES
+from unbend.matching.rerank import SHORTLIST
 from unbend.mesh.shapes import cylinder, s_bend, sheet, sphere, spiral, torus
 
 FEW = Parameters(samples=40)
@@ -460,6 +461,17 @@ def test_pair_measures_reorder_the_nearest_shapes(filled, measure):
     assert ids["flat"] not in [match.id for match in stored.shapes]
     with pytest.raises(ParameterError, match="at most 100"):
         library.rank(query, measure=measure, k=101)
+
+
+def test_a_pair_measure_chooses_the_nearest_of_the_whole_short_list(filled):
+    library, ids = filled
+    changed = 0
+    for name in ids:
+        for measure in ("rigid", "hausdorff"):
+            (first,) = library.rank(ids[name], measure=measure, k=1).shapes
+            assert first == library.rank(ids[name], measure=measure, k=SHORTLIST).shapes[0]
+            changed += first.id != library.rank(ids[name], k=1).shapes[0].id
+    assert changed
 
 
 def test_an_evaluation_without_labelled_shapes_is_refused(filled, library):

@@ -1,4 +1,4 @@
-"""Files that other programs write and that were once refused or misread, each with what it should give."""
+"""Files of other programs that earlier versions refused or misread, with their expected results."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ REFUSED = {"obj_utf16.obj": "UTF-16"}
 
 
 def surface_area_of(name: str) -> float:
-    """The area of the surface that reading keeps: of a body and a prop the body's."""
+    """Return the area of the component that reading keeps."""
     return OCTAHEDRON if name == "glb_skinned_body_and_prop.glb" else AREAS[name]

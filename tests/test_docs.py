@@ -124,9 +124,9 @@ def test_every_path_on_a_page_exists(page):
 
 
 def test_no_docstring_begins_with_that_of_what_or_who():
-        folders = (ROOT / "service" / "unbend", ROOT / "tests", ROOT / "benchmarks")
-        for path in (path for folder in folders for path in folder.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-                first = (ast.get_docstring(node) or "").partition(" ")[0]
-                assert first not in {"That", "Of", "What", "Who"}, f"{path}: {ast.get_docstring(node)}"
+    for folder in (ROOT / "service" / "unbend", ROOT / "tests", ROOT / "benchmarks"):
+        for path in folder.rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                    first = (ast.get_docstring(node) or "").partition(" ")[0]
+                    assert first not in {"That", "Of", "What", "Who"}, f"{path}: {ast.get_docstring(node)}"

@@ -94,7 +94,7 @@ FAMILIES = {
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_isometric_surfaces_differ_less_than_twice_the_effect_of_the_mesh(family):
-    """The effect of the mesh is the distance between a surface and its finer mesh (`benchmarks/embedding/isometric.py`)."""
+    """The effect of the mesh is the distance between a surface and its finer mesh, as in the benchmark `isometric`."""
     signatures = [[compute_signature(bending(k)) for bending in FAMILIES[family]] for k in (1, 2, 4)]
     for coarse, fine in itertools.pairwise(signatures):
         for measure in ("spectrum", "combined", "moments", "distribution", "rigid", "hausdorff"):

@@ -223,7 +223,7 @@ DEFECTS: Final[dict[str, Defect]] = {
 }  # fmt: skip
 
 COARSE: Final = frozenset({"far_spike", "squash"})
-"""Defects with large errors, because of single precision and bounded unfolding: needles, and edges of extreme length."""
+"""Defects with large errors, because of single precision and bounded unfolding: needles and extreme lengths."""
 
 SELDOM: Final = frozenset({"huge", "out_of_range"})
 """Defects that mostly cause an error, which would hide the effects of other defects."""

@@ -31,7 +31,7 @@ def main() -> None:
         ROOT / "docs" / "benchmarks.md", "samples",
         "**Samples by analysis**: how many `samples=\"auto\"` takes until the spectrum moves by at most the tolerance,"
         " and the median time of a signature over that with 300 samples, in turns.\n\n"
-        + table(["data set", "meshes", "tolerance", "fewest", "median", "most", "times 300"], rows),
+        + table(["data set", "meshes", "tolerance", "fewest", "median", "most", "time / time with 300"], rows),
     )  # fmt: skip
 
 

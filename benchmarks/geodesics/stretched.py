@@ -134,7 +134,7 @@ def report(found: dict[str, list[Measured]]) -> str:
         f"fewer than {TIMED_VERTICES:,} vertices are not timed."
     )
     first = table(["meshes", GIVEN, INTRINSIC, HEAT, "worst mesh, intrinsic"], errors)
-    second = table(["meshes", "Steiner points a vertex", "time of a row", "preparation", "bytes of stencils"], costs)
+    second = table(["meshes", "Steiner points per vertex", "time of a row", "preparation", "bytes of stencils"], costs)
     return f"{above}\n\n{first}\n\n{below}\n\n{second}"
 
 

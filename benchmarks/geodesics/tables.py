@@ -24,7 +24,7 @@ def error_table(results: Results) -> str:
 
 
 def time_table(results: Results) -> str:
-    header = ["mesh", PLANAR, SPHERICAL, "spherical, one a call", "spherical, all threads", *PEERS]
+    header = ["mesh", PLANAR, SPHERICAL, "spherical, one per call", "spherical, all threads", *PEERS]
     return (
         f"**Time a source** (ms) after preparation, in one thread unless it says otherwise. Ours: {TIMED_SOURCES}"
         f" sources in one call, or one a call; peers take one a call. In brackets: times the time of {SPHERICAL}"
@@ -44,7 +44,7 @@ def _time_row(mesh: str, of: dict[str, Result]) -> list[str]:
 
 
 def cost_table(results: Results) -> str:
-    kinds = ("preparation, ms", "matrix, s", "bytes a vertex")
+    kinds = ("preparation, ms", "matrix, s", "bytes per vertex")
     header = ["method", *(f"{mesh.split(' (')[0]}: {kind}" for mesh in results for kind in kinds)]
     rows = []
     for name in METHODS:

@@ -57,7 +57,7 @@ def figure_1() -> str:
         rows.append([name, len(surface.vertices), stress, stretch, f"{100 * flat.flipped:.1f} %"])
     head_columns(grid, ("surface", "flattened, m = 2", "texture in the plane", "texture on the surface"))
     save(page, "paper-fig1")
-    return table(["surface", "vertices", "stress at m = 2", "lengths change by, mean", "area turned over"], rows)
+    return table(["surface", "vertices", "stress at m = 2", "mean change of lengths", "flipped area"], rows)
 
 
 def _texture(axes: Array, surface: Surface, flat: Flattening, turn: Array) -> None:

@@ -119,7 +119,7 @@ def figure_8() -> str:
             title = f"{name} ({len(labels)} in {len(set(labels))})"
             rows.append([title, what, f"{100 * found.nearest:.0f} %", f"{found.ratio:.1f}"])
     save(page, "paper-fig8", dpi=75)
-    return table(["shapes", "moments of", "nearest neighbour right", "between / within"], rows)
+    return table(["shapes", "moments of", "correct nearest neighbours", "between / within"], rows)
 
 
 def _generated_vectors() -> tuple[list[str], Array, Array]:

@@ -188,23 +188,23 @@ def main() -> None:
     header = [
         "",
         "chosen",
-        "told on",
+        "evaluated on",
         *(f"{name} {figure}" for name in DATASETS for figure in ("NN", "FT", "ST", "mAP")),
     ]
     rows = [
         *kernels.rows(),
-        [f"mean of {SPLITS} random halvings", "each its own", "the other half", *_shown(kernels.over_splits())],
-        ["`spectrum` as it is", _called(USED), "all classes", *_shown(kernels.told(USED, everything))],
-        ["as it was before", _called(FORMER), "all classes", *_shown(kernels.told(FORMER, everything))],
+        [f"mean of {SPLITS} random halvings", "varies", "the other half", *_shown(kernels.over_splits())],
+        ["current `spectrum`", _called(USED), "all classes", *_shown(kernels.told(USED, everything))],
+        ["previous `spectrum`", _called(FORMER), "all classes", *_shown(kernels.told(FORMER, everything))],
     ]
     more = [
         *weights.rows(),
-        ["`combined` as it is", _called(used), "all classes", *_shown(weights.told(used, everything))],
+        ["current `combined`", _called(used), "all classes", *_shown(weights.told(used, everything))],
     ]
     last = [
         *third.rows(),
-        [f"mean of {SPLITS} random halvings", "each its own", "the other half", *_shown(third.over_splits())],
-        ["`moments` as it is", _called(USED_MOMENTS), "all classes", *_shown(third.told(USED_MOMENTS, everything))],
+        [f"mean of {SPLITS} random halvings", "varies", "the other half", *_shown(third.over_splits())],
+        ["current `moments`", _called(USED_MOMENTS), "all classes", *_shown(third.told(USED_MOMENTS, everything))],
     ]
     text = f"{len(candidates())} combinations of kernels for `spectrum`:\n\n{table(header, rows)}\n\n"
     text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights beside it for `combined`:\n\n{table(header, more)}"

@@ -150,7 +150,17 @@ def _calibrations(sets: Sets) -> tuple[str, str]:
         " (ten bins of equal width) beside what a perfectly calibrated confidence would show by chance on as many"
         " queries, and log loss."
     )
-    header = ["measure", "classifier", "data", "a class", "right", "confidence", "error", "by chance", "log loss"]
+    header = [
+        "measure",
+        "classifier",
+        "data",
+        "shapes per class",
+        "share correct",
+        "confidence",
+        "calibration error",
+        "error by chance",
+        "log loss",
+    ]
     return text, table(header, rows)
 
 

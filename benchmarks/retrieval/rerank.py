@@ -174,8 +174,8 @@ def search_text(data: dict[str, Shapes]) -> str:
         "data set",
         "samples",
         "same class: mean / largest",
-        "other class",
-        "ms a pair, one thread",
+        "other class: mean / largest",
+        "ms per pair, one thread",
         "all threads",
     ]
     return (

@@ -58,13 +58,13 @@ def text(reports: dict[str, Report], examples: int, steps: int, seed: int, secon
         sum(count for (_, label), count in each.cases.items() if label not in each.operations)
         for each in reports.values()
     ]
-    by_operation += [["methods that are not there", *(f"{count:,}" for count in others)]]
+    by_operation += [["unsupported methods", *(f"{count:,}" for count in others)]]
     by_operation += [["**all**", *(f"**{sum(each.cases.values()):,}**" for each in reports.values())]]
     checks = [[f"`{name}`", *(f"{each.checks[name]:,}" for each in reports.values())] for name in sorted(CHECK_NAMES)]
     rows = [
         ["failures", *(len(each.failed) for each in reports.values())],
-        ["requests of the longest sequence that went on with answers", *(each.longest for each in reports.values())],
-        ["links that led somewhere", *(len(each.followed) for each in reports.values())],
+        ["longest sequence of linked requests", *(each.longest for each in reports.values())],
+        ["links followed successfully", *(len(each.followed) for each in reports.values())],
     ]
     phases = ", ".join(PHASES)
     return f"""schemathesis {importlib.metadata.version("schemathesis")} sent requests, right and wrong ones, made up from the OpenAPI document to a server on loopback, and checked each answer against it, with all of its checks and in all of its phases ({phases}): {examples} examples an operation, {examples} sequences of up to {steps} requests, seed {seed}, {seconds / 60:.0f} minutes. Exceptions, and their reasons, are in `tests/support/schemathesis.toml`.

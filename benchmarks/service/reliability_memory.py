@@ -65,8 +65,7 @@ def work_on(jobs: int, shapes: int, seed: int) -> Report:
     text = _text(parts, callers, seed, len(faults))
     text += f"""
 
-**A shape more.** {shapes} further shapes, with their jobs, made the server's own memory {(after.own - before.own) / shapes:.0f} bytes a shape larger, and
-the library's file {disk / 1024:.0f} kB a shape."""  # noqa: E501
+**Cost of a shape.** {shapes} more shapes, with their jobs, enlarged the server's private memory by {(after.own - before.own) / shapes:.0f} bytes per shape, and the library's file by {disk / 1024:.0f} kB per shape."""  # noqa: E501
     return Report(text, faults)
 
 
@@ -82,29 +81,32 @@ def _growth(name: str, before: Footprint, after: Footprint) -> Iterator[str]:
     if after.own > GROWTH * before.own:
         yield f"{name} grew from {before.own / MEGABYTE:.1f} to {after.own / MEGABYTE:.1f} MB"
     if after.handles > before.handles + MORE_HANDLES:
-        yield f"{name} has {after.handles} handles open instead of {before.handles}"
+        yield f"{name} has {after.handles} open file descriptors instead of {before.handles}"
     if after.threads > before.threads:
         yield f"{name} has {after.threads} threads instead of {before.threads}"
 
 
 def _text(parts: Sequence[Part], callers: Sequence[Caller], seed: int, faults: int) -> str:
-    header = ["tenth", "jobs a second", "server: own MB", "resident MB", "handles", "threads"]
-    header += ["workers: own MB", "handles", "threads"]
+    header = [
+        "tenth of the jobs",
+        "jobs per second",
+        "server: private MB",
+        "resident MB",
+        "file descriptors",
+        "threads",
+    ]
+    header += ["workers: private MB", "file descriptors", "threads"]
     rows = [[number + 1, f"{part.rate:.0f}", *_cells([part.server]), *_cells(part.workers.values(), resident=False)]
             for number, part in enumerate(parts)]  # fmt: skip
     base, last = parts[BASE].server, parts[-1].server
     replaced = len({pid for part in parts for pid in part.workers}) - WORKERS
     ended = [job["state"] for caller in callers for job in caller.ended.values()]
     return f"""\
-{sum(caller.acknowledged for caller in callers):,} jobs (seed {seed}) on small meshes, 60 to 252 vertices, each another one, `samples` {SAMPLES["samples"]}, from {CALLERS} clients: uploads and
-queries, among them {ended.count("failed")} damaged files and {ended.count("cancelled")} cancelled jobs. The clients remove shapes so that the library stays at
-some {CALLERS * KEPT}. What is held after each tenth, when all its jobs have ended (own: what no other process has):
+{CALLERS} clients sent {sum(caller.acknowledged for caller in callers):,} jobs (seed {seed}) with different small meshes of 60 to 252 vertices and `samples` {SAMPLES["samples"]}: uploads and queries, among them {ended.count("failed")} damaged files and {ended.count("cancelled")} cancelled jobs. The clients remove shapes so that the library keeps about {CALLERS * KEPT}. Resources after each tenth of the jobs, when these jobs have ended (private: memory that no other process shares):
 
 {table(header, rows)}
 
-The server's own memory after the last tenth is {last.own / base.own:.3f} times that after the second. Workers are replaced where a running job is
-cancelled ({replaced} were seen to be). Faults (more than {GROWTH - 1:.0%} of growth or more than {MORE_HANDLES} handles from the second tenth to the last, more
-threads, wrong answers): {faults}."""  # noqa: E501
+The server's private memory after the last tenth is {last.own / base.own:.3f} times its private memory after the second tenth. The cancellation of a running job replaces its worker (seen {replaced} times). Faults (growth of more than {GROWTH - 1:.0%} or more than {MORE_HANDLES} file descriptors from the second tenth to the last, more threads, wrong answers): {faults}."""  # noqa: E501
 
 
 def _cells(of: Sequence[Footprint], *, resident: bool = True) -> list[str]:

@@ -197,8 +197,16 @@ def over_http(folders: dict[str, Path]) -> dict[str, float]:
 
 
 def text(ours: list[list[object]], others: list[list[object]], http: dict[str, float]) -> str:
-    header = ["shapes", "classes", "`Library.rank`, ms", "NumPy sum, ms", "ratio", "load, s", "resident bytes a shape"]
-    header += ["look for changes, µs", "with one shape to append, µs"]
+    header = [
+        "shapes",
+        "classes",
+        "`Library.rank`, ms",
+        "NumPy sum, ms",
+        "ratio",
+        "load, s",
+        "resident bytes per shape",
+    ]
+    header += ["check for changes, µs", "after one added shape, µs"]
     names = ["shapes", "NumPy, ms", "SciPy cdist, ms"]
     if importlib.util.find_spec("faiss"):
         names.append(f"Faiss {importlib.metadata.version('faiss-cpu')} IndexFlat, 10 nearest, ms")

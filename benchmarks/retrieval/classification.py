@@ -51,9 +51,10 @@ Answers = tuple[np.ndarray, np.ndarray, np.ndarray]
 def main() -> None:
     sets = tuple(load(*named) for named in DATASETS.items())
     protocol = (
-        "Half of the classes of each data set (every other one, by name) chose, the queries of the other half report;"
-        " libraries hold all classes. In libraries of so many shapes a class these are drawn at random and the others"
-        " asked; all: every shape is asked of all others. The classes of SHREC'07 hold different objects."
+        "Half of the classes of each data set (every second class by name) chose the constants; the numbers are for"
+        " queries of the other half. Libraries contain all classes. A library with a given number of shapes per class"
+        " has these drawn at random, and the other shapes are queries; with all shapes, every shape is a query against"
+        " all others. The classes of SHREC'07 contain different objects."
     )
     parts = [
         protocol,

@@ -39,7 +39,7 @@ FIGURES = ["NN", "FT", "ST", "E", "DCG", "mAP"]
 EIGENVALUES = 20
 DEFAULTS = Parameters()
 ABLATION = {
-    "as it is": DEFAULTS,
+    "defaults": DEFAULTS,
     "100 samples": replace(DEFAULTS, samples=100),
     "200 samples": replace(DEFAULTS, samples=200),
     "500 samples": replace(DEFAULTS, samples=500),
@@ -68,9 +68,9 @@ def main() -> None:
             ' Retrieval on Non-rigid 3D Watertight Meshes"), as our notes quote them; we have not compared them'
             " with its report."
         ),
-        "The half of the classes that chose nothing (every other one, by name), among all shapes:",
+        "Queries from the half of the classes that chose nothing (every second class by name), among all shapes:",
         table(["data set", "measure", *FIGURES], [_untouched(name, signatures[name]) for name in DATASETS]),
-        f"What choices are worth: mean average precision, {' and '.join(DATASETS[:2])}.",
+        f"The effect of each choice: mean average precision, {' and '.join(DATASETS[:2])}.",
         table(["", *(f"{name} {of}" for name in DATASETS[:2] for of in ABLATED)], _ablation(signatures)),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "retrieval", "\n\n".join(parts))

@@ -32,8 +32,8 @@ def test_every_setting_is_documented_with_its_default():
     assert set(rows) == {f"UNBEND_{name.upper()}" for name in Settings.model_fields}
     for name, field in Settings.model_fields.items():
         if field.default_factory is None:
-            told = rows[f"UNBEND_{name.upper()}"].strip().strip("`")
-            assert told == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
+            reported = rows[f"UNBEND_{name.upper()}"].strip().strip("`")
+            assert reported == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
 
 
 def test_the_documented_settings_file_is_valid(tmp_path, monkeypatch):

@@ -69,15 +69,15 @@ def _cost_cells(name: str, result: Result) -> tuple[str, str, str]:
 
 
 def _threaded_peers(results: Results) -> str:
-    told = []
+    threaded = []
     for name in PEERS:
         opened = [of[name].opened for of in results.values()]
         known = [one for one in opened if isinstance(one, Opened)]
         for doing in ("preparation", "row"):
             cores = max((getattr(one, doing).cores for one in known), default=0.0)
             if cores > _THREADED:
-                told.append(f"{name}, {doing} ({cores:.1f})")
-    return "; ".join(told) or "none"
+                threaded.append(f"{name}, {doing} ({cores:.1f})")
+    return "; ".join(threaded) or "none"
 
 
 def milliseconds(time: Timing | float | str) -> str:

@@ -36,10 +36,10 @@ def figure_5() -> str:
     grid[0].set_ylabel("log ratio")
     grid[0].legend(frameon=False)
     save(page, "paper-fig5")
-    return _told(ratios)
+    return _table(ratios)
 
 
-def _told(ratios: dict[str, Array]) -> str:
+def _table(ratios: dict[str, Array]) -> str:
     wins = (ratios["least_squares"] > ratios["classical"]).sum(axis=1)
     medians = {title: np.median(ratios[method], axis=1) for method, (title, *_) in LINES.items()}
     rows = [[title, *(f"{value:.2f}" for value in values)] for title, values in medians.items()]

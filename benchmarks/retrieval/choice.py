@@ -138,7 +138,7 @@ class Study:
         score = sum(metrics[:, rows, 3].mean(axis=1) for metrics, rows in zip(self._metrics, chosen_on, strict=True))
         return self._names[int(np.argmax(score))]
 
-    def told(self, name: Any, rows: list[Array]) -> Array:
+    def metrics_of(self, name: Any, rows: list[Array]) -> Array:
         place = self._names.index(name)
         found = [metrics[place][of].mean(axis=0) for metrics, of in zip(self._metrics, rows, strict=True)]
         return np.concatenate(found)
@@ -150,8 +150,8 @@ class Study:
         lines = []
         for which, name in enumerate(("first", "second")):
             best = self.best(self.halved(which))
-            told = _shown(self.told(best, self.halved(1 - which)))
-            lines.append([f"chosen on the {name} half", _called(best), "the other half", *told])
+            cells = _shown(self.metrics_of(best, self.halved(1 - which)))
+            lines.append([f"chosen on the {name} half", _called(best), "the other half", *cells])
         return lines
 
     def over_splits(self) -> Array:
@@ -162,7 +162,7 @@ class Study:
             for of in self._data:
                 classes = rng.permutation(np.unique(of.labels))
                 halves.append(np.isin(of.labels, classes[: len(classes) // 2]))
-            found.append(self.told(self.best(halves), [~rows for rows in halves]))
+            found.append(self.metrics_of(self.best(halves), [~rows for rows in halves]))
         return np.mean(found, axis=0)
 
 
@@ -194,17 +194,22 @@ def main() -> None:
     rows = [
         *kernels.rows(),
         [f"mean of {SPLITS} random halvings", "varies", "the other half", *_shown(kernels.over_splits())],
-        ["current `spectrum`", _called(USED), "all classes", *_shown(kernels.told(USED, everything))],
-        ["previous `spectrum`", _called(FORMER), "all classes", *_shown(kernels.told(FORMER, everything))],
+        ["current `spectrum`", _called(USED), "all classes", *_shown(kernels.metrics_of(USED, everything))],
+        ["previous `spectrum`", _called(FORMER), "all classes", *_shown(kernels.metrics_of(FORMER, everything))],
     ]
     more = [
         *weights.rows(),
-        ["current `combined`", _called(used), "all classes", *_shown(weights.told(used, everything))],
+        ["current `combined`", _called(used), "all classes", *_shown(weights.metrics_of(used, everything))],
     ]
     last = [
         *third.rows(),
         [f"mean of {SPLITS} random halvings", "varies", "the other half", *_shown(third.over_splits())],
-        ["current `moments`", _called(USED_MOMENTS), "all classes", *_shown(third.told(USED_MOMENTS, everything))],
+        [
+            "current `moments`",
+            _called(USED_MOMENTS),
+            "all classes",
+            *_shown(third.metrics_of(USED_MOMENTS, everything)),
+        ],
     ]
     text = f"{len(candidates())} combinations of kernels for `spectrum`:\n\n{table(header, rows)}\n\n"
     text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights beside it for `combined`:\n\n{table(header, more)}"

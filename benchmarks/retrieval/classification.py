@@ -26,9 +26,9 @@ from benchmarks.retrieval.classification_constants import (
     constants,
     log_loss,
     rates,
+    rule_values,
     sizes_for,
     summed,
-    told,
 )
 from benchmarks.retrieval.classification_data import ALL, CHOOSING, REPORTING, Shapes, load, split, trials
 from benchmarks.retrieval.data import half
@@ -227,7 +227,7 @@ def _columns(sets: Sets) -> list[str]:
 
 
 def _refused(sets: Sets, measure: str, rule: str, constant: float) -> list[str]:
-    asked = [told(shapes, measure, rule, size, REPORTING) for shapes in sets for size in OPEN_SIZES]
+    asked = [rule_values(shapes, measure, rule, size, REPORTING) for shapes in sets for size in OPEN_SIZES]
     return [
         " / ".join(f"{100 * rate:.1f}" for rate in rates(some, constant)) if all(map(len, some)) else "-"
         for some in asked

@@ -72,11 +72,11 @@ def choose_constant(sets: tuple[Shapes, ...], measure: str, classifier: str, for
 
     def loss(logarithm: float) -> float:
         constant = float(np.exp(logarithm))
-        told = (
+        judged = (
             (FORMS[form](dissimilarities, constant), own)
             for dissimilarities, own in choosing(sets, measure, classifier)
         )
-        return float(np.mean([log_loss(shares[np.arange(len(own)), own]) for shares, own in told]))
+        return float(np.mean([log_loss(shares[np.arange(len(own)), own]) for shares, own in judged]))
 
     found = minimize_scalar(loss, bounds=np.log([1e-3, 1e4]), method="bounded", options={"xatol": 1e-3})
     return float(np.exp(found.x)), float(found.fun)
@@ -95,8 +95,8 @@ def _of_best(statistic: Callable[[Array], float], query: Query) -> float:
 
 
 def _of_any(statistic: Callable[[Array], float], query: Query) -> float:
-    told = [spacing(query, int(code)) for code in np.flatnonzero(query.nearest < np.inf)]
-    return min(near / statistic(own) for near, own in told if len(own))
+    spacings = [spacing(query, int(code)) for code in np.flatnonzero(query.nearest < np.inf)]
+    return min(near / statistic(own) for near, own in spacings if len(own))
 
 
 def _pooled(statistic: Callable[[Array], float], query: Query) -> float:
@@ -117,12 +117,12 @@ CHOSEN_RULE: Final = "mean, best class"
 LITERAL: Final = ("largest, best class", "largest, any class")
 OPEN_SIZES: Final = (2, 4, 8, ALL)
 
-Told = tuple[Array, Array]
+RuleValues = tuple[Array, Array]
 """Values of a rule for queries whose class is in the library, and for queries whose class is not."""
 
 
 @cache
-def told(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) -> Told:
+def rule_values(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) -> RuleValues:
     """Return the values of a rule, except for queries whose best class has a single member (no rule applies)."""
     known, unknown = (
         np.array(
@@ -137,14 +137,14 @@ def told(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) 
     return known, unknown
 
 
-def rates(some: Told, constant: float) -> tuple[float, float]:
+def rates(some: RuleValues, constant: float) -> tuple[float, float]:
     """Return the shares of false rejects and of false accepts."""
     return float((some[0] > constant).mean()), float((some[1] <= constant).mean())
 
 
 def summed(sets: tuple[Shapes, ...], measure: str, rule: str, constant: float) -> float:
     """Return the sum of both rates on the choosing halves, a mean over data sets and sizes."""
-    some = [told(shapes, measure, rule, size, CHOOSING) for shapes in sets for size in OPEN_SIZES]
+    some = [rule_values(shapes, measure, rule, size, CHOOSING) for shapes in sets for size in OPEN_SIZES]
     return float(np.mean([sum(rates(one, constant)) for one in some if all(map(len, one))]))
 
 

@@ -67,8 +67,8 @@ def _text(step: int) -> str:
     header = ["disturbance", *(f"{dataset} ({count} of {size})" for dataset, (count, size, _) in columns.items())]
     names = [POSE, *(name for name in DISTURBANCES if name != NOTHING)]
     rows = [[name, *(rates[name] for _, _, rates in columns.values())] for name in names]
-    told = f"Meshes reported as rough (roughness above {ROUGH}), and the range of roughness:"
-    return "\n\n".join([INTRODUCTION, table(header, rows), REASONS, told, _roughness_table(step)])
+    heading = f"Meshes reported as rough (roughness above {ROUGH}), and the range of roughness:"
+    return "\n\n".join([INTRODUCTION, table(header, rows), REASONS, heading, _roughness_table(step)])
 
 
 def _rates(dataset: str, step: int) -> tuple[int, int, dict[str, str]]:

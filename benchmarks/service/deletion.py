@@ -81,11 +81,11 @@ def main() -> None:
         "overwritten, log left": {"overwritten": True, "log_emptied": False},
         "not overwritten, log left": {"overwritten": False, "log_emptied": False},
     }
-    for told, size in SIZES.items():
+    for size_name, size in SIZES.items():
         for way, options in ways.items():
             with tempfile.TemporaryDirectory() as folder:
                 query, removal = measured(Path(folder) / "library.db", size, **options)
-            print(f"| {told} | {way:<34} | {query:.1f} | {removal:.1f} |", flush=True)
+            print(f"| {size_name} | {way:<34} | {query:.1f} | {removal:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -222,7 +222,7 @@ def report(run: Run, seconds: float, seed: int, faults: list[str]) -> str:
     ]  # fmt: skip
     total = sum(tally.files for tally in run.tallies.values())
     peak = run.peak
-    told = (
+    summary = (
         f"{total:,} damaged files (seed {seed}) in {seconds:,.0f} s, {total / seconds:.0f} a second, sent to a server "
         f"with {WORKERS} workers that may take {SECONDS} s and {MEMORY_MB:,} MB for a job. Most memory: the server "
         f"{peak.server / 2**20:.0f} MB, a worker {peak.worker / 2**20:.0f} MB."
@@ -231,7 +231,7 @@ def report(run: Run, seconds: float, seed: int, faults: list[str]) -> str:
         "Every file was answered, each refusal and failure with one of the codes below and a sentence; no worker died "
         "or was stopped, the log has no error, and the library's integrity check says ok."
     )
-    return f"{told}\n\n{verdict}\n\n{table(header, rows)}"
+    return f"{summary}\n\n{verdict}\n\n{table(header, rows)}"
 
 
 def peak_bytes(pid: int) -> int:

@@ -62,11 +62,11 @@ def stall(seed: int) -> Report:
             after = _resident(server)
     faults = [f"{name}: a probe waited {took:.2f} s" for name, (took, _) in longest.items() if took > LONGEST]
     faults += [f"memory: {before:.0f} MB before, {after:.0f} MB a minute after"] * (after > BACK * before)
-    told = [[name, f"{took:.3f}", f"{lasted:.1f}"] for name, (took, lasted) in longest.items()]
+    rows = [[name, f"{took:.3f}", f"{lasted:.1f}"] for name, (took, lasted) in longest.items()]
     text = (
         f"A server has 2 workers, {SHAPES:,} shapes and a history of {JOBS:,} jobs. A probe requested `/v1/livez` a "
         "hundred times a second during each of these requests.\n\n"
-        + table(["concurrent request", "longest time of the probe, s", "duration, s"], told)
+        + table(["concurrent request", "longest time of the probe, s", "duration, s"], rows)
         + f"\n\nMemory of the server: {before:.0f} MB before, {most:.0f} MB at most, {after:.0f} MB a minute after."
     )
     return Report(text, faults)

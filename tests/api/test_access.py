@@ -261,8 +261,8 @@ def test_no_origin_is_allowed_by_default(server):
         response = api.get("/v1/shapes", headers={"Origin": "https://a.example"})
         assert not [name for name in response.headers if name.startswith("access-control")]
         wish = {"Access-Control-Request-Method": "GET", "Origin": "https://a.example"}
-        told = api.options("/v1/shapes", headers=wish)  # lists methods, but allows no origin
-        assert not [name for name in told.headers if name.startswith("access-control")]
+        reported = api.options("/v1/shapes", headers=wish)  # lists methods, but allows no origin
+        assert not [name for name in reported.headers if name.startswith("access-control")]
 
 
 def until_refused(api: httpx.Client, headers: dict[str, str] | None = None) -> httpx.Response:

@@ -80,8 +80,8 @@ def test_every_operation_has_a_description_and_every_error_is_a_problem(document
         for status, response in operation["responses"].items():
             if int(status) >= 400:
                 assert response == {"$ref": f"#/components/responses/{status}"}
-                told = document["components"]["responses"][status]
-                reference = told["content"]["application/problem+json"]["schema"]["$ref"]
+                reported = document["components"]["responses"][status]
+                reference = reported["content"]["application/problem+json"]["schema"]["$ref"]
                 assert reference == "#/components/schemas/Problem"
     assert "HTTPValidationError" not in json.dumps(document)
 

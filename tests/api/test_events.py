@@ -56,7 +56,7 @@ def parsed(lines: Iterator[str]) -> Iterator[tuple[int, dict]]:
             fields = {}
 
 
-def heard(http: httpx.Client, url: str, last: int | None = None) -> list[tuple[int, dict]]:
+def read_events(http: httpx.Client, url: str, last: int | None = None) -> list[tuple[int, dict]]:
     """Return all events of a job to its end, from now or after the event `last`."""
     headers = {} if last is None else {"Last-Event-ID": str(last)}
     with http.stream("GET", f"{url}/events", headers=headers) as response:
@@ -72,15 +72,15 @@ def endless(http: httpx.Client, dimensions: int) -> str:
 def test_each_change_of_a_job_is_one_event_and_the_last_event_is_its_end(http):
     url = post_mesh(http, medium_mesh(), parameters='{"samples": 301}').headers["Location"]
     begun = time.monotonic()
-    told = heard(http, url)
+    reported = read_events(http, url)
     seconds = time.monotonic() - begun
-    ids, jobs = [number for number, _ in told], [job for _, job in told]
+    ids, jobs = [number for number, _ in reported], [job for _, job in reported]
     assert ids == sorted(set(ids))
     places = [(ORDER.index(job["stage"]), job["progress"]) for job in jobs]
     assert places == sorted(set(places))
     assert [job["state"] for job in jobs].count("succeeded") == 1
     assert jobs[-1] == http.get(url).json()
-    assert len(told) <= 4 * seconds + 3  # only the first event, the start and the end are not rate-limited
+    assert len(reported) <= 4 * seconds + 3  # only the first event, the start and the end are not rate-limited
 
 
 def test_event_streams_forbid_caching_and_buffering_and_set_the_retry_time(http):
@@ -94,9 +94,9 @@ def test_event_streams_forbid_caching_and_buffering_and_set_the_retry_time(http)
 def test_the_stream_of_an_ended_job_has_one_event(http):
     job = ended(http, post_mesh(http, DAMAGED, file_name="bad.off"))
     url = f"/v1/jobs/{job['id']}"
-    ((number, told),) = heard(http, url)
-    assert told == job
-    assert told["error"]["code"] == "mesh_read"
+    ((number, reported),) = read_events(http, url)
+    assert reported == job
+    assert reported["error"]["code"] == "mesh_read"
     again = http.get(f"{url}/events", headers={"Last-Event-ID": str(number)})
     assert (again.status_code, again.content) == (204, b"")
 
@@ -106,7 +106,7 @@ def test_an_invalid_last_event_id_is_ignored(http, last):
     shape = stored(http, small_mesh(2), parameters=FEW)
     job = next(job for job in http.get("/v1/jobs").json()["items"] if job["shape_id"] == shape["id"])
     response = http.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": last})
-    assert [told for _, told in parsed(iter(response.text.split("\n")))] == [job | {"result": None}]
+    assert [reported for _, reported in parsed(iter(response.text.split("\n")))] == [job | {"result": None}]
 
 
 def test_events_of_an_unknown_job_are_not_found(http):
@@ -122,17 +122,17 @@ def test_line_separators_in_names_do_not_break_events(http):
     stored(http, small_mesh(3), parameters=own, name=name)
     files = {"file": ("mesh.ply", small_mesh(3))}
     url = http.post("/v1/queries", files=files, data={"parameters": own}).headers["Location"]
-    told = heard(http, url)
-    assert told[-1][1]["result"]["shapes"][0]["name"] == name
+    reported = read_events(http, url)
+    assert reported[-1][1]["result"]["shapes"][0]["name"] == name
 
 
 def test_every_listener_receives_the_end_of_a_cancelled_job_once(http, server):
     url = endless(http, 6)
-    told: list[list[tuple[int, dict]]] = [[], [], []]
+    reported: list[list[tuple[int, dict]]] = [[], [], []]
 
     def listen(number: int) -> None:
         with server.http() as own:
-            told[number] = heard(own, url)
+            reported[number] = read_events(own, url)
 
     listeners = [threading.Thread(target=listen, args=(number,)) for number in range(3)]
     for listener in listeners:
@@ -141,12 +141,12 @@ def test_every_listener_receives_the_end_of_a_cancelled_job_once(http, server):
     assert http.delete(url).json()["state"] == "cancelled"
     for listener in listeners:
         listener.join(PATIENCE)
-    for events_heard in told:
-        states = [job["state"] for _, job in events_heard]
+    for received in reported:
+        states = [job["state"] for _, job in received]
         assert states[-1] == "cancelled"
         assert not {"cancelled"} & set(states[:-1])
-        assert len({number for number, _ in events_heard}) == len(events_heard)
-    assert len({events_heard[-1][0] for events_heard in told}) == 1
+        assert len({number for number, _ in received}) == len(received)
+    assert len({received[-1][0] for received in reported}) == 1
 
 
 def test_a_stream_resumes_after_the_last_event_id_and_closes_with_its_client(http):

@@ -318,10 +318,10 @@ def check_download(client: httpx.Client, shape_id: str, data: bytes) -> None:
         response = client.get(f"/v1/shapes/{shape_id}/{path}")
         assert response.status_code == 200
         assert set(response.headers) - set(plain.headers) - _ALSO == {"content-disposition", "vary"}
-        told = Message()
-        told["content-disposition"] = response.headers["content-disposition"].split("; filename*")[0]
-        assert told.get_content_disposition() == "attachment"
-        file_name = told.get_filename()
+        reported = Message()
+        reported["content-disposition"] = response.headers["content-disposition"].split("; filename*")[0]
+        assert reported.get_content_disposition() == "attachment"
+        file_name = reported.get_filename()
         assert file_name is not None
         assert file_name.endswith(f".{file_type}")
         assert file_name.isascii()

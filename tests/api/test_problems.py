@@ -47,8 +47,8 @@ def test_an_unsupported_method_is_refused_with_the_allowed_methods(http_client, 
     else:
         assert method in check(response, 405, "method_not_allowed")["detail"]
     assert response.headers["allow"] == allowed
-    told = http_client.options(path)
-    assert (told.status_code, told.content, told.headers["allow"]) == (204, b"", allowed)
+    reported = http_client.options(path)
+    assert (reported.status_code, reported.content, reported.headers["allow"]) == (204, b"", allowed)
 
 
 def test_options_of_an_unknown_route_are_not_found(http_client):

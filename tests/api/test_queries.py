@@ -243,20 +243,20 @@ def test_a_pair_measure_reorders_the_nearest_shapes(server, http, ids):
 def test_the_map_contains_every_shape(http, ids):
     response = http.get("/v1/map", params={"measure": "moments", "parameters": FEW})
     assert response.status_code == 200
-    told = response.json()
-    assert set(told) == {"measure", "stress", "original_stress", "count", "items"}
-    assert {item["id"] for item in told["items"]} >= set(ids.values())
-    assert all(set(item) == {"id", "name", "label", "point", "original"} for item in told["items"])
+    reported = response.json()
+    assert set(reported) == {"measure", "stress", "original_stress", "count", "items"}
+    assert {item["id"] for item in reported["items"]} >= set(ids.values())
+    assert all(set(item) == {"id", "name", "label", "point", "original"} for item in reported["items"])
     solid = http.get("/v1/map", params={"parameters": FEW, "dimensions": 3, "limit": 2}).json()
     assert [len(item["point"]) for item in solid["items"]] == [3, 3]
 
 
 def test_the_evaluation_has_metrics_and_a_confusion_matrix(server, http, ids):
-    told = http.get("/v1/evaluation", params={"measure": "spectrum", "parameters": FEW}).json()
+    reported = http.get("/v1/evaluation", params={"measure": "spectrum", "parameters": FEW}).json()
     with Library(str(server.library)) as library:
-        assert told == {"measure": "spectrum"} | library.evaluation(parameters=Parameters(**OWN)).as_dict()
-    assert told["nn"] == 1.0
-    assert set(told["confusion"]["labels"]) >= {"sphere", "torus"}
+        assert reported == {"measure": "spectrum"} | library.evaluation(parameters=Parameters(**OWN)).as_dict()
+    assert reported["nn"] == 1.0
+    assert set(reported["confusion"]["labels"]) >= {"sphere", "torus"}
 
 
 @pytest.mark.parametrize("path", ["/v1/map", "/v1/evaluation"])

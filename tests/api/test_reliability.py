@@ -18,25 +18,25 @@ MORE_THREADS = 3
 
 
 @pytest.fixture(scope="module")
-def called(tmp_path_factory):
-    with Server(tmp_path_factory.mktemp("called")) as running:
+def busy_server(tmp_path_factory):
+    with Server(tmp_path_factory.mktemp("busy")) as running:
         yield running
 
 
 @pytest.fixture(scope="module")
-def killer(called):
-    with called.http() as http:
-        yield WorkerKiller(called, http, np.random.default_rng(2))
+def killer(busy_server):
+    with busy_server.http() as http:
+        yield WorkerKiller(busy_server, http, np.random.default_rng(2))
 
 
-def test_many_jobs_leak_no_file_descriptors_or_threads(called):
+def test_many_jobs_leak_no_file_descriptors_or_threads(busy_server):
     callers = [Caller(number, 1, most_kept=5) for number in range(4)]
-    work(callers, called.url, 100)
-    before = footprint(called.process.pid)
-    work(callers, called.url, 200)
-    after = footprint(called.process.pid)
+    work(callers, busy_server.url, 100)
+    before = footprint(busy_server.process.pid)
+    work(callers, busy_server.url, 200)
+    after = footprint(busy_server.process.pid)
     for caller in callers:
-        caller.check(called.url, everything=True)
+        caller.check(busy_server.url, everything=True)
     assert [fault for caller in callers for fault in caller.faults] == []
     assert after.handles <= before.handles + MORE_HANDLES
     assert after.threads <= before.threads + MORE_THREADS

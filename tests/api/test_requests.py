@@ -94,9 +94,9 @@ def test_the_log_links_a_request_to_its_job(logging_server):
         bad = ended(http, post_mesh(http, DAMAGED, file_name="bad.off"))
     found = until(logging_server, lambda lines: any(line.get("job_id") == bad["id"] for line in lines))
     assert all({"time", "level", "logger", "message"} <= set(line) for line in found)
-    told = {line["logger"]: line for line in found if line.get("request_id") == "the-upload"}
-    assert (told["unbend.audit"]["key"], told["unbend.audit"]["job_id"]) == ("open", good["id"])
-    request = told["unbend.requests"]
+    reported = {line["logger"]: line for line in found if line.get("request_id") == "the-upload"}
+    assert (reported["unbend.audit"]["key"], reported["unbend.audit"]["job_id"]) == ("open", good["id"])
+    request = reported["unbend.requests"]
     assert (request["method"], request["route"], request["status"]) == ("POST", "/v1/shapes", 202)
     assert 0 < request["milliseconds"] < 60_000
     assert request["job_id"] == good["id"]

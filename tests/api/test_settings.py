@@ -82,8 +82,8 @@ def test_options_override_the_environment_which_overrides_the_file(monkeypatch, 
 def test_a_server_reads_its_settings_from_a_file(tmp_path):
     file = toml(tmp_path, "workers = 7\nmax_queued = 5\njob_seconds = 3.5\nlog_format = 'json'")
     with Server(tmp_path, workers=1, ready=False, config=file, job_seconds=60) as server, server.http() as http:
-        told = http.get("/v1/capacity").json()
-        assert (told["workers"], told["max_queued"]) == (1, 5)
+        reported = http.get("/v1/capacity").json()
+        assert (reported["workers"], reported["max_queued"]) == (1, 5)
         assert '"message"' in server.log.read_text()
 
 

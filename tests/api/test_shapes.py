@@ -79,9 +79,9 @@ def test_every_parameter_can_be_set_and_the_record_has_the_dimension(http):
     expected = compute_signature(read_mesh(data), Parameters(**chosen))
     assert shape["parameters"] == Parameters(**chosen).as_dict()
     assert (shape["dimension"], shape["stress"]) == (expected.dimension, pytest.approx(expected.stress))
-    told = http.get(f"/v1/shapes/{shape['id']}/descriptors").json()["descriptors"]["dimension"]
-    assert told[0] == expected.dimension
-    np.testing.assert_allclose(told[1:], expected.representation_errors)
+    reported = http.get(f"/v1/shapes/{shape['id']}/descriptors").json()["descriptors"]["dimension"]
+    assert reported[0] == expected.dimension
+    np.testing.assert_allclose(reported[1:], expected.representation_errors)
 
 
 def test_a_damaged_mesh_becomes_a_failed_job_with_a_code_and_advice(http):
@@ -197,8 +197,8 @@ def test_a_mesh_is_converted_by_format_and_by_accept(http, ring, file_type):
 
 def arrays(data: bytes, file_type: str) -> tuple[np.ndarray, np.ndarray]:
     if file_type == "json":
-        told = json.loads(data)
-        return np.array(told["vertices"]), np.array(told["faces"])
+        reported = json.loads(data)
+        return np.array(reported["vertices"]), np.array(reported["faces"])
     if file_type == "npz":
         with np.load(io.BytesIO(data)) as file:
             return file["vertices"], file["faces"]
@@ -293,21 +293,21 @@ def test_a_signature_is_served_in_every_format(http, ring, file_type):
 
 
 def test_descriptors_equal_those_of_the_signature(http, ring):
-    told = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
+    reported = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
     expected = compute_signature(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).descriptors
-    assert set(told) == {"spectrum", "moments", "distribution", "dimension", "reeb", "surface_moments"}
-    for name, vector in told.items():
+    assert set(reported) == {"spectrum", "moments", "distribution", "dimension", "reeb", "surface_moments"}
+    for name, vector in reported.items():
         np.testing.assert_allclose(vector, expected[name], rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("update", ["spherical", "planar"])
 def test_geodesics_are_the_distances_from_a_vertex(http, ring, update):
     url = f"/v1/shapes/{ring['id']}/geodesics"
-    told = http.get(url, params={"source": 7, "update": update}).json()
-    assert told["source"] == 7
+    reported = http.get(url, params={"source": 7, "update": update}).json()
+    assert reported["source"] == 7
     expected = geodesic_distances(read_mesh(small_mesh(200)), 7, update=update)[0]
-    np.testing.assert_allclose(told["distances"], expected)
-    assert told["distances"][7] == 0
+    np.testing.assert_allclose(reported["distances"], expected)
+    assert reported["distances"][7] == 0
 
 
 def test_geodesics_to_a_target_include_the_shortest_path(http, ring):

@@ -137,8 +137,8 @@ def test_the_span_of_a_job_is_a_child_of_its_upload_and_contains_its_stages(coll
     (upload,) = collector.until(lambda span: attributes(span).get("unbend.request_id") == "an-upload")
     assert (upload.trace_id, upload.parent_span_id, upload.name) == (trace, caller, "POST /v1/shapes")
     assert upload.kind == Span.SPAN_KIND_SERVER
-    told = attributes(upload)
-    assert (told["http.route"], told["http.response.status_code"], told["unbend.job.id"]) == (
+    reported = attributes(upload)
+    assert (reported["http.route"], reported["http.response.status_code"], reported["unbend.job.id"]) == (
         "/v1/shapes",
         202,
         job["id"],
@@ -146,9 +146,9 @@ def test_the_span_of_a_job_is_a_child_of_its_upload_and_contains_its_stages(coll
 
     span = collector.of_job(job["id"])
     assert (span.name, span.trace_id, span.parent_span_id) == ("shape job", trace, upload.span_id)
-    told = attributes(span)
-    assert (told["unbend.job.outcome"], told["unbend.job.attempts"]) == ("succeeded", 1)
-    assert told["unbend.shape.id"] == job["shape_id"]
+    reported = attributes(span)
+    assert (reported["unbend.job.outcome"], reported["unbend.job.attempts"]) == ("succeeded", 1)
+    assert reported["unbend.shape.id"] == job["shape_id"]
     assert [(event.name, attributes(event)) for event in span.events] == [("attempt", {"unbend.job.attempt": 1})]
     assert span.status.code == Status.STATUS_CODE_UNSET
 
@@ -197,9 +197,9 @@ def test_the_span_of_a_failed_or_cancelled_job_has_its_outcome(collector, traced
             time.sleep(0.05)
         cancelled = [http.delete(url).json() for url in (waits, in_hand, begun)]
     span = collector.of_job(bad["id"])
-    told = attributes(span)
-    assert (told["unbend.job.outcome"], told["error.type"]) == ("failed", "mesh_read")
-    assert (told["unbend.job.stage"], span.status.code) == ("reading", Status.STATUS_CODE_ERROR)
+    reported = attributes(span)
+    assert (reported["unbend.job.outcome"], reported["error.type"]) == ("failed", "mesh_read")
+    assert (reported["unbend.job.stage"], span.status.code) == ("reading", Status.STATUS_CODE_ERROR)
     assert set(collector.below(span, 1)) == {"waiting"}
     never, _, stopped = (collector.of_job(job["id"]) for job in cancelled)
     assert attributes(never)["unbend.job.outcome"] == attributes(stopped)["unbend.job.outcome"] == "cancelled"

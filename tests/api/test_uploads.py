@@ -41,17 +41,22 @@ def test_a_repeated_upload_lists_the_fields_it_ignored(http):
     first = ended(http, post_mesh(http, small_mesh(1), parameters=FEW, name="first", label="cat"))
     again = post_mesh(http, small_mesh(1), parameters=FEW, name="second", label="dog", metadata='{"a": 1}')
     assert again.status_code == 200
-    told = again.json()
-    assert (told["id"], told["name"], told["label"]) == (first["shape_id"], "first", "cat")
-    assert told["ignored"] == ["label", "metadata", "name"]
+    reported = again.json()
+    assert (reported["id"], reported["name"], reported["label"]) == (first["shape_id"], "first", "cat")
+    assert reported["ignored"] == ["label", "metadata", "name"]
     same = post_mesh(http, small_mesh(1), parameters=FEW, label="cat", file_name="other.ply").json()
     assert same["ignored"] == []
 
 
 def test_a_repeated_upload_updates_the_shape_on_request(http):
     first = ended(http, post_mesh(http, small_mesh(2), parameters=FEW, name="first", label="cat"))
-    told = post_mesh(http, small_mesh(2), parameters=FEW, label="dog", if_known="update").json()
-    assert (told["id"], told["name"], told["label"], told["ignored"]) == (first["shape_id"], "first", "dog", [])
+    reported = post_mesh(http, small_mesh(2), parameters=FEW, label="dog", if_known="update").json()
+    assert (reported["id"], reported["name"], reported["label"], reported["ignored"]) == (
+        first["shape_id"],
+        "first",
+        "dog",
+        [],
+    )
     assert http.get(f"/v1/shapes/{first['shape_id']}").json()["label"] == "dog"
     check(post_mesh(http, small_mesh(2), parameters=FEW, if_known="perhaps"), 422, "request_invalid")
 

@@ -27,14 +27,14 @@ class Receiver:
     """A server that records the requests it gets, and answers with the given statuses, then with 200."""
 
     def __init__(self, *statuses: int) -> None:
-        self.told: list[tuple[dict[str, str], bytes]] = []
+        self.requests: list[tuple[dict[str, str], bytes]] = []
         self.statuses = list(statuses)
         receiver = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_POST(self) -> None:
                 body = self.rfile.read(int(self.headers["Content-Length"]))
-                receiver.told.append(({name.lower(): value for name, value in self.headers.items()}, body))
+                receiver.requests.append(({name.lower(): value for name, value in self.headers.items()}, body))
                 self.send_response(receiver.statuses.pop(0) if receiver.statuses else 200)
                 self.send_header("Location", "/elsewhere")
                 self.send_header("Content-Length", "0")
@@ -55,8 +55,8 @@ class Receiver:
 
     def until(self, count: int) -> None:
         end = time.monotonic() + PATIENCE
-        while len(self.told) < count:
-            assert time.monotonic() < end, self.told
+        while len(self.requests) < count:
+            assert time.monotonic() < end, self.requests
             time.sleep(0.05)
 
 
@@ -75,8 +75,8 @@ def test_each_job_is_delivered_once_with_a_valid_signature(tmp_path, receiver):
         query = ended(http, http.post("/v1/queries", **form))
         receiver.until(3)
         time.sleep(2.5)
-    assert len(receiver.told) == 3
-    for job, (headers, body) in zip((good, bad, query), receiver.told, strict=True):
+    assert len(receiver.requests) == 3
+    for job, (headers, body) in zip((good, bad, query), receiver.requests, strict=True):
         assert headers["webhook-id"] == job["id"]
         signed = f"{job['id']}.{headers['webhook-timestamp']}.".encode() + body
         digest = base64.b64encode(hmac.new(SECRET.encode(), signed, hashlib.sha256).digest()).decode()
@@ -93,7 +93,7 @@ def test_a_failed_delivery_is_retried_and_redirects_are_not_followed(tmp_path, r
     with Server(tmp_path, workers=1, **ON) as server, server.http() as http:
         ended(http, post_mesh(http, small_mesh(1), parameters=FEW, callback=receiver.url))
         receiver.until(3)
-    assert len({headers["webhook-id"] for headers, _ in receiver.told}) == 1
+    assert len({headers["webhook-id"] for headers, _ in receiver.requests}) == 1
     assert "attempt 2: status 302" in server.log.read_text()
 
 
@@ -109,7 +109,7 @@ def test_the_next_server_delivers_pending_webhooks(tmp_path, receiver):
             connection.execute("UPDATE jobs SET callback = ?, callback_due = 1", (again.url,))
         with Server(tmp_path, workers=1, ready=False, **ON):
             again.until(1)
-        assert again.told[0][0]["webhook-id"] == job["id"]
+        assert again.requests[0][0]["webhook-id"] == job["id"]
     finally:
         again.close()
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.commands import called, failed_with_a_sentence, succeeded, unbend
+from tests.support.commands import failed_with_a_sentence, in_process, succeeded, unbend
 from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import evaluate
@@ -57,8 +57,8 @@ def library(folder, tmp_path_factory) -> str:
 
 
 def test_help_lists_the_commands():
-    told = succeeded("--help").stdout
-    assert {line.split()[0] for line in told.split("Commands:")[1].splitlines() if line.strip()} == COMMANDS
+    reported = succeeded("--help").stdout
+    assert {line.split()[0] for line in reported.split("Commands:")[1].splitlines() if line.strip()} == COMMANDS
     assert succeeded("--version").stdout.strip() == "unbend, version 0.1.0"
 
 
@@ -71,12 +71,12 @@ def test_help_imports_no_heavy_packages():
 
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_every_command_has_help(command):
-    assert "Usage:" in succeeded(command, "--help", run=called).stdout
+    assert "Usage:" in succeeded(command, "--help", run=in_process).stdout
 
 
 def test_the_whole_option_gives_every_vertex(folder, tmp_path):
     mesh, output = folder / "sheets/rolled.ply", tmp_path / "form.ply"
-    done = succeeded("signature", mesh, "-o", output, "--whole", "--samples", 30, run=called)
+    done = succeeded("signature", mesh, "-o", output, "--whole", "--samples", 30, run=in_process)
     surface = read_mesh(mesh)
     assert f"{len(surface.vertices)} points in 3 dimensions" in done.stderr
     form = read_mesh(output)
@@ -87,29 +87,29 @@ def test_the_whole_option_gives_every_vertex(folder, tmp_path):
 
 def test_a_rolled_sheet_is_flattened_without_distortion(folder, tmp_path):
     output = tmp_path / "flat.obj"
-    done = succeeded("flatten", folder / "sheets/rolled.ply", "-o", output, "--samples", 60, run=called)
+    done = succeeded("flatten", folder / "sheets/rolled.ply", "-o", output, "--samples", 60, run=in_process)
     assert "turned over" in done.stderr
     lines = output.read_text().splitlines()
     uv = np.array([line.split()[1:] for line in lines if line.startswith("vt ")], float)
     assert uv.min() >= 0
     np.testing.assert_allclose(np.sort(np.ptp(uv, axis=0)), [GRID["rows"] / GRID["columns"], 1.0], atol=0.02)
-    refused = called("flatten", folder / "sheets/rolled.ply", "-o", tmp_path / "flat.off")
+    refused = in_process("flatten", folder / "sheets/rolled.ply", "-o", tmp_path / "flat.off")
     assert refused.returncode != 0
     assert "obj, glb" in refused.stderr
 
 
 def test_auto_dimensions_are_found(folder):
-    done = succeeded("signature", folder / "sheets/rolled.ply", "--samples", 30, "--dimensions", "auto", run=called)
-    told = json.loads(done.stdout)
-    assert told["parameters"]["dimensions"] == "auto"
-    assert len(told["points"][0]) == 2
+    done = succeeded("signature", folder / "sheets/rolled.ply", "--samples", 30, "--dimensions", "auto", run=in_process)
+    reported = json.loads(done.stdout)
+    assert reported["parameters"]["dimensions"] == "auto"
+    assert len(reported["points"][0]) == 2
 
 
 @pytest.mark.parametrize("file_type", ["ply", "obj", "off", "glb", "npz", "json"])
 def test_a_signature_is_written_in_every_format(folder, tmp_path, file_type):
     mesh, output = folder / "sheets/rolled.ply", tmp_path / f"out.{file_type.upper()}"
     done = succeeded(
-        "signature", mesh, "-o", output, "--samples", 30, "--dimensions", 2, "--method", "classical", run=called
+        "signature", mesh, "-o", output, "--samples", 30, "--dimensions", 2, "--method", "classical", run=in_process
     )
     assert done.stdout == ""
     assert "30 points in 2 dimensions" in done.stderr
@@ -139,13 +139,13 @@ def test_every_parameter_is_an_option(folder):
     }  # fmt: skip
     assert set(chosen) == set(asdict(Parameters()))
     options = [word for name, value in chosen.items() for word in (f"--{name.replace('_', '-')}", value)]
-    done = succeeded("signature", folder / "rings/thin.ply", *options, run=called)
-    told, expected = (
+    done = succeeded("signature", folder / "rings/thin.ply", *options, run=in_process)
+    reported, expected = (
         json.loads(done.stdout),
         compute_signature(read_mesh(folder / "rings/thin.ply"), Parameters(**chosen)),
     )
-    assert told["parameters"] == Parameters(**chosen).as_dict()
-    np.testing.assert_allclose(told["points"], expected.points, atol=1e-6)
+    assert reported["parameters"] == Parameters(**chosen).as_dict()
+    np.testing.assert_allclose(reported["points"], expected.points, atol=1e-6)
 
 
 def test_repairs_are_reported_on_standard_error(tmp_path):
@@ -153,7 +153,7 @@ def test_repairs_are_reported_on_standard_error(tmp_path):
     corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]
     faces = ["3 " + " ".join(map(str, face)) for face in surface.faces.tolist()]
     (tmp_path / "x.off").write_text("\n".join([f"OFF {len(corners)} {len(faces)} 0", *corners, *faces]))
-    done = succeeded("signature", tmp_path / "x.off", run=called)
+    done = succeeded("signature", tmp_path / "x.off", run=in_process)
     assert done.stderr.startswith("x.off: ")
     json.loads(done.stdout)
 
@@ -162,10 +162,10 @@ def test_repairs_are_reported_on_standard_error(tmp_path):
 def test_compare_prints_the_distance(folder, measure):
     a, b = folder / "sheets/flat.ply", folder / "rings/thin.ply"
     options = ["--measure", measure] if measure else []
-    told = float(succeeded("compare", a, b, *options, run=called).stdout)
+    reported = float(succeeded("compare", a, b, *options, run=in_process).stdout)
     expected = compare(*(compute_signature(read_mesh(path)) for path in (a, b)), measure or "spectrum")
-    assert told == pytest.approx(expected, rel=1e-5)
-    assert float(succeeded("compare", a, a, *options, run=called).stdout) == 0
+    assert reported == pytest.approx(expected, rel=1e-5)
+    assert float(succeeded("compare", a, a, *options, run=in_process).stdout) == 0
 
 
 def test_an_import_with_labels_stores_every_file_with_its_class(library):
@@ -192,7 +192,7 @@ def test_an_import_can_use_folders_as_labels_and_names_files_that_fail(folder, t
 
 def test_a_repeated_import_stores_nothing_twice(folder, library):
     assert (
-        succeeded("import", folder, "--library", library, run=called).stdout
+        succeeded("import", folder, "--library", library, run=in_process).stdout
         == "5 of 5 shapes imported: 0 new, 5 there already\n"
     )
     with Library(library) as opened:
@@ -201,8 +201,8 @@ def test_a_repeated_import_stores_nothing_twice(folder, library):
 
 
 def test_the_library_can_be_set_by_the_environment(folder, library):
-    told = succeeded("query", folder / "sheets/flat.ply", "--json", UNBEND_LIBRARY=library, run=called).stdout
-    assert len(json.loads(told)["shapes"]) == 5
+    reported = succeeded("query", folder / "sheets/flat.ply", "--json", UNBEND_LIBRARY=library, run=in_process).stdout
+    assert len(json.loads(reported)["shapes"]) == 5
 
 
 def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp_path, small_server):
@@ -225,10 +225,12 @@ def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp
 def test_a_query_gives_the_same_result_from_a_library_and_a_service(folder, tmp_path, library, server):
     query = tmp_path / "query.ply"
     query.write_bytes(ply(cylinder(4.0, **GRID)))
-    told = json.loads(succeeded("query", query, "--library", library, "--json", "-k", 2, "--measure", "moments").stdout)
+    reported = json.loads(
+        succeeded("query", query, "--library", library, "--json", "-k", 2, "--measure", "moments").stdout
+    )
     with Library(library) as opened:
-        assert told == opened.rank(compute_signature(read_mesh(query)), measure="moments", k=2).as_dict()
-    table = succeeded("query", query, "--library", library, "-k", 2, run=called).stdout
+        assert reported == opened.rank(compute_signature(read_mesh(query)), measure="moments", k=2).as_dict()
+    table = succeeded("query", query, "--library", library, "-k", 2, run=in_process).stdout
     assert table.splitlines()[1].split()[0] == "sheets"
     assert len(table.split("\n\n")[1].splitlines()) == 3
     with Library(str(server.library)) as opened, Client(server.url) as client:
@@ -255,30 +257,30 @@ def rings(tmp_path_factory) -> Path:
 @pytest.mark.parametrize("place", ["library", "url"])
 def test_an_import_and_a_query_apply_their_options(rings, tmp_path, server, place):
     where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
-    succeeded("import", rings, *where, *OPTIONS, run=called)
+    succeeded("import", rings, *where, *OPTIONS, run=in_process)
     with Library(str(tmp_path / "a.db" if place == "library" else server.library)) as opened:
         record = opened.page(limit=500).items[-1]
     assert (record.name, record.parameters, record.policy) == ("rings", CHOSEN, READ)
     query = ["query", rings / "rings.ply", *where, "--json"]
-    (match,) = json.loads(succeeded(*query, *OPTIONS, run=called).stdout)["shapes"]
+    (match,) = json.loads(succeeded(*query, *OPTIONS, run=in_process).stdout)["shapes"]
     assert (match["id"], match["distance"]) == (record.id, 0.0)
-    (match,) = json.loads(succeeded(*query, *OPTIONS[:-6], run=called).stdout)["shapes"]
+    (match,) = json.loads(succeeded(*query, *OPTIONS[:-6], run=in_process).stdout)["shapes"]
     assert match["id"] == record.id
     assert match["distance"] > 0.0
-    others = json.loads(succeeded(*query, run=called).stdout)["shapes"]
+    others = json.loads(succeeded(*query, run=in_process).stdout)["shapes"]
     assert record.id not in [other["id"] for other in others]
 
 
 def test_compare_applies_its_options(rings, folder):
     a, b = rings / "rings.ply", folder / "rings/thin.ply"
-    told = float(succeeded("compare", a, b, *OPTIONS, run=called).stdout)
+    reported = float(succeeded("compare", a, b, *OPTIONS, run=in_process).stdout)
     expected = compare(*(compute_signature(read_mesh(path, policy=READ), CHOSEN) for path in (a, b)))
-    assert told == pytest.approx(expected, rel=1e-5)
-    assert told != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-6], run=called).stdout), rel=1e-3)
+    assert reported == pytest.approx(expected, rel=1e-5)
+    assert reported != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-6], run=in_process).stdout), rel=1e-3)
 
 
 def test_a_signature_reports_that_its_mesh_was_simplified(rings):
-    done = succeeded("signature", rings / "rings.ply", "--components", "bridge", "--max-vertices", 50, run=called)
+    done = succeeded("signature", rings / "rings.ply", "--components", "bridge", "--max-vertices", 50, run=in_process)
     assert len(json.loads(done.stdout)["samples"]) <= 50
     assert "simplified from 78 to" in done.stderr
     assert "1 link between 2 components" in done.stderr
@@ -287,11 +289,11 @@ def test_a_signature_reports_that_its_mesh_was_simplified(rings):
 def test_an_evaluation_can_include_the_separation_of_classes(folder, tmp_path):
     labels, page = folder / "labels.csv", tmp_path / "report.html"
     asked = ["evaluate", folder, "--labels", labels, "--separation", "--samples", 40, "--measure", "moments"]
-    told = json.loads(succeeded(*asked, "--json", "--html", page).stdout)
-    assert set(told) == {"moments", "separation"}
-    assert set(told["separation"]) == {"moments", "dimensions"}
-    assert set(told["separation"]["moments"]) == {"nearest", "ratio"}
-    over = told["separation"]["dimensions"]
+    reported = json.loads(succeeded(*asked, "--json", "--html", page).stdout)
+    assert set(reported) == {"moments", "separation"}
+    assert set(reported["separation"]) == {"moments", "dimensions"}
+    assert set(reported["separation"]["moments"]) == {"nearest", "ratio"}
+    over = reported["separation"]["dimensions"]
     assert over["pairs"] == [["sheets", "rings"]]
     assert {method: len(of) for method, of in over["medians"].items()} == {"least_squares": 6, "classical": 6}
     assert over["medians"]["least_squares"][2] > 0
@@ -306,35 +308,35 @@ def test_an_evaluation_can_include_the_separation_of_classes(folder, tmp_path):
 def test_an_evaluation_applies_its_reading_options(folder, rings):
     labels = rings / "labels.csv"
     labels.write_text(f"path,class\nrings.ply,b\n{folder}/rings/thin.ply,a\n{folder}/rings/thick.ply,a\n")
-    told = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=called)
-    assert set(json.loads(told.stdout)) == set(VECTOR_MEASURES)
-    assert "rings.ply: the mesh has 2 components" in told.stderr
-    assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=called).stderr == ""
+    reported = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=in_process)
+    assert set(json.loads(reported.stdout)) == set(VECTOR_MEASURES)
+    assert "rings.ply: the mesh has 2 components" in reported.stderr
+    assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=in_process).stderr == ""
 
 
 def test_an_import_with_options_that_the_service_refuses_fails_with_one_line(folder, server):
     for option, word in (("--samples", "samples"), ("--max-vertices", "max_vertices")):
-        failed_with_a_sentence(called("import", folder, "--url", server.url, option, 3), word)
+        failed_with_a_sentence(in_process("import", folder, "--url", server.url, option, 3), word)
 
 
 def test_a_query_reports_an_empty_library(folder, tmp_path):
-    done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=called)
+    done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=in_process)
     assert "no shapes to compare with" in done.stdout
 
 
 def test_an_evaluation_prints_the_metrics_of_every_measure_as_json(folder):
     done = succeeded("evaluate", folder, "--labels", folder / "labels.csv", "--json", "--samples", 40)
-    told = json.loads(done.stdout)
-    assert set(told) == set(VECTOR_MEASURES)
+    reported = json.loads(done.stdout)
+    assert set(reported) == set(VECTOR_MEASURES)
     signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
     labels = [name.split("/")[0] for name in MEMBERS]
-    for name, figures in told.items():
+    for name, figures in reported.items():
         assert set(figures) == FIGURES
         measure = get_vector_measure(name)
         vectors = np.stack([measure.vector(signature.descriptors) for signature in signatures])
         own = np.arange(len(labels))
         assert figures == pytest.approx(vars(evaluate(measure.matrix(vectors), labels, labels, own=own).metrics))
-    assert told["spectrum"]["nn"] == 1.0
+    assert reported["spectrum"]["nn"] == 1.0
     assert done.stderr == ""
 
 
@@ -359,13 +361,13 @@ def test_an_evaluation_against_a_gallery_prints_the_accuracy(folder, tmp_path):
 
 def test_evaluation_by_class_adds_classes_confusions_and_curves_to_its_json(folder):
     options = ["--labels", folder / "labels.csv", "--json", "--samples", 40, "--measure", "spectrum"]
-    told = json.loads(succeeded("evaluate", folder, *options, "--per-class", run=called).stdout)
+    reported = json.loads(succeeded("evaluate", folder, *options, "--per-class", run=in_process).stdout)
     signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
     labels = [name.split("/")[0] for name in MEMBERS]
     measure = get_vector_measure("spectrum")
     distances = measure.matrix(np.stack([measure.vector(signature.descriptors) for signature in signatures]))
-    assert told == {"spectrum": evaluate(distances, labels, labels, own=np.arange(5)).as_dict()}
-    assert set(told["spectrum"]) > FIGURES | {"classes", "confusion", "precision_recall"}
+    assert reported == {"spectrum": evaluate(distances, labels, labels, own=np.arange(5)).as_dict()}
+    assert set(reported["spectrum"]) > FIGURES | {"classes", "confusion", "precision_recall"}
 
 
 def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_class(folder, tmp_path):
@@ -373,8 +375,8 @@ def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_c
     (tmp_path / "queries.csv").write_text(f"path,class\nsheets/rolled.ply,sheets\n{tmp_path}/bad.off,rings\n")
     (tmp_path / "gallery.csv").write_text("path,class\nsheets/flat.ply,sheets\nrings/thick.ply,rings\n")
     command = ["evaluate", folder, "--labels", tmp_path / "queries.csv", "--gallery", tmp_path / "gallery.csv"]
-    told = succeeded(*command, "--per-class", "--measure", "moments", run=called).stdout
-    overall, classes = (part.splitlines() for part in told.split("\n\n"))
+    reported = succeeded(*command, "--per-class", "--measure", "moments", run=in_process).stdout
+    overall, classes = (part.splitlines() for part in reported.split("\n\n"))
     assert overall[0].split() == ["measure", "accuracy", "nn", "ft", "st", "e", "dcg", "map"]
     assert overall[1].split()[:3] == ["moments", "0.500", "1.000"]
     assert classes[0].split()[:4] == ["moments", "queries", "members", "accuracy"]
@@ -388,8 +390,8 @@ def test_an_evaluation_counts_unreadable_queries_as_wrong(folder, tmp_path):
     (tmp_path / "good.csv").write_text("path,class\nsheets/flat.ply,sheets\n")
     bad, good = tmp_path / "bad.csv", tmp_path / "good.csv"
     command = ["evaluate", folder, "--measure", "moments", "--json"]
-    assert json.loads(called(*command, "--labels", bad, "--gallery", good).stdout) == {"moments": {"accuracy": 0.0}}
-    done = called(*command, "--labels", good, "--gallery", bad)
+    assert json.loads(in_process(*command, "--labels", bad, "--gallery", good).stdout) == {"moments": {"accuracy": 0.0}}
+    done = in_process(*command, "--labels", good, "--gallery", bad)
     assert (done.returncode, done.stdout) == (1, "")
     assert "unbend: none of the gallery's files can be used" in done.stderr
 
@@ -400,15 +402,15 @@ def test_an_evaluation_writes_an_escaped_html_page(folder, tmp_path):
     (tmp_path / f"{name}.off").write_bytes(DAMAGED)
     rows = [f"{folder}/{member},{member.split('/')[0]}" for member in MEMBERS]
     (tmp_path / "l.csv").write_text("\n".join(["path,class", *rows, f"{name},sheets", f"{name}.off,rings"]))
-    done = called("evaluate", tmp_path, "--labels", tmp_path / "l.csv", "--html", tmp_path / "r.html", "--json")
+    done = in_process("evaluate", tmp_path, "--labels", tmp_path / "l.csv", "--html", tmp_path / "r.html", "--json")
     assert done.returncode == 0
-    told = json.loads(done.stdout)
-    assert all(set(figures) == FIGURES for figures in told.values())
+    reported = json.loads(done.stdout)
+    assert all(set(figures) == FIGURES for figures in reported.values())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;.ply.off</bdi>" in page  # listed as unreadable
     assert "&lt;script&gt;alert(1)&lt;.ply</bdi>" in page  # listed as misclassified, because it is a ring
-    for measure, figures in told.items():
+    for measure, figures in reported.items():
         assert f"<bdi>{measure}</bdi>" in page
         assert f">{figures['map']:.3f}<" in page
     assert "each of 6 shapes" in page
@@ -418,7 +420,7 @@ def test_an_evaluation_writes_an_escaped_html_page(folder, tmp_path):
 
 def test_an_evaluation_prints_a_table_of_the_chosen_measures(folder):
     lines = succeeded(
-        "evaluate", folder, "--labels", folder / "labels.csv", "--measure", "moments", run=called
+        "evaluate", folder, "--labels", folder / "labels.csv", "--measure", "moments", run=in_process
     ).stdout.splitlines()
     assert lines[0].split() == ["measure", "nn", "ft", "st", "e", "dcg", "map"]
     assert [line.split()[0] for line in lines[1:]] == ["moments"]
@@ -443,52 +445,54 @@ def test_an_invalid_file_of_labels_fails_with_one_line(folder, tmp_path, command
     labels = tmp_path / "labels.csv"
     labels.write_bytes(text.encode(errors="surrogateescape"))
     library = ["--library", tmp_path / "library.db"] if command == "import" else []
-    failed_with_a_sentence(called(command, folder, "--labels", labels, *library), "labels.csv", *words)
+    failed_with_a_sentence(in_process(command, folder, "--labels", labels, *library), "labels.csv", *words)
 
 
 def test_files_without_a_class_are_imported_without_a_label_and_not_evaluated(folder, tmp_path):
     labels = tmp_path / "labels.csv"
     rows = [f"{name},{'' if name.endswith('shut.ply') else Path(name).parent}" for name in MEMBERS]
     labels.write_text("\n".join(["path,class", *rows]))
-    succeeded("import", folder, "--labels", labels, "--library", tmp_path / "a.db", run=called)
+    succeeded("import", folder, "--labels", labels, "--library", tmp_path / "a.db", run=in_process)
     with Library(str(tmp_path / "a.db")) as opened:
         assert (len(opened), opened.labels()) == (5, {"sheets": 2, "rings": 2})
     command = ["evaluate", folder, "--labels", labels, "--measure", "moments", "--per-class", "--samples", 40]
-    done = succeeded(*command, run=called)
+    done = succeeded(*command, run=in_process)
     assert "1 of 5 files have no class and are left out" in done.stderr
     assert [line.split()[:2] for line in done.stdout.split("\n\n")[1].splitlines()[1:]] == [
         ["rings", "2"],
         ["sheets", "2"],
     ]
     labels.write_text("path,class\nsheets/flat.ply,\n")
-    failed_with_a_sentence(called("evaluate", folder, "--labels", labels), "no row has a class")
+    failed_with_a_sentence(in_process("evaluate", folder, "--labels", labels), "no row has a class")
 
 
 def test_an_exported_library_can_be_imported_and_evaluated(library, tmp_path):
     out = tmp_path / "out"
-    assert succeeded("export", out, "--library", library, run=called).stdout == f"{out}: 5 shapes\n"
+    assert succeeded("export", out, "--library", library, run=in_process).stdout == f"{out}: 5 shapes\n"
     labels = ["--labels", out / "labels.csv"]
-    succeeded("import", out, *labels, "--library", tmp_path / "other.db", run=called)
+    succeeded("import", out, *labels, "--library", tmp_path / "other.db", run=in_process)
     with Library(library) as one, Library(str(tmp_path / "other.db")) as other:
-        told = [[(shape.name, shape.label, shape.sha256) for shape in opened.page().items] for opened in (one, other)]
-        assert told[0] == told[1]
-    figures = json.loads(succeeded("evaluate", out, *labels, "--measure", "moments", "--json", run=called).stdout)
+        reported = [
+            [(shape.name, shape.label, shape.sha256) for shape in opened.page().items] for opened in (one, other)
+        ]
+        assert reported[0] == reported[1]
+    figures = json.loads(succeeded("evaluate", out, *labels, "--measure", "moments", "--json", run=in_process).stdout)
     with Library(library) as one:
         assert figures["moments"] == pytest.approx(vars(one.evaluate("moments")))
-    failed_with_a_sentence(called("export", out, "--library", library), "not an empty folder")
+    failed_with_a_sentence(in_process("export", out, "--library", library), "not an empty folder")
 
 
 def test_a_library_is_backed_up_and_restored(library, tmp_path):
     copy, other = tmp_path / "copy.db", tmp_path / "other.db"
-    told = succeeded("backup", copy, "--library", library).stdout
-    assert told == f"{copy}: 5 shapes, {copy.stat().st_size} bytes, checked\n"
-    assert succeeded("restore", copy, "--library", other, run=called).stdout == f"{other}: 5 shapes, as in {copy}\n"
+    reported = succeeded("backup", copy, "--library", library).stdout
+    assert reported == f"{copy}: 5 shapes, {copy.stat().st_size} bytes, checked\n"
+    assert succeeded("restore", copy, "--library", other, run=in_process).stdout == f"{other}: 5 shapes, as in {copy}\n"
     with Library(library) as one, Library(str(other)) as restored:
         assert one.page().items == restored.page().items
-    failed_with_a_sentence(called("backup", copy, "--library", library), "is there already")
-    failed_with_a_sentence(called("restore", copy, "--library", other), "would be replaced")
-    succeeded("backup", copy, "--library", library, "--force", run=called)
-    succeeded("restore", copy, "--library", other, "--force", run=called)
+    failed_with_a_sentence(in_process("backup", copy, "--library", library), "is there already")
+    failed_with_a_sentence(in_process("restore", copy, "--library", other), "would be replaced")
+    succeeded("backup", copy, "--library", library, "--force", run=in_process)
+    succeeded("restore", copy, "--library", other, "--force", run=in_process)
 
 
 @pytest.mark.parametrize(
@@ -529,7 +533,7 @@ def test_every_error_is_one_clear_line(folder, tmp_path, command, words):
     (tmp_path / "empty").mkdir()
     (tmp_path / "letter.db").write_bytes(b"no database " * 200)
     names = {"mesh": folder / "sheets/flat.ply", "closed": folder / "rings/thin.ply", "folder": folder, "new": tmp_path}
-    failed_with_a_sentence(called(*(part.format(**names) for part in command.split())), *words)
+    failed_with_a_sentence(in_process(*(part.format(**names) for part in command.split())), *words)
 
 
 def test_an_error_of_a_process_is_one_clear_line(tmp_path):
@@ -538,14 +542,14 @@ def test_an_error_of_a_process_is_one_clear_line(tmp_path):
 
 
 def test_wrong_usage_has_exit_status_2(folder, tmp_path):
-    failed_with_a_sentence(called("signature", tmp_path / "none.ply"), "none.ply", status=2)
-    both = called("import", folder, "--labels", folder / "labels.csv", "--label-from", "folder")
+    failed_with_a_sentence(in_process("signature", tmp_path / "none.ply"), "none.ply", status=2)
+    both = in_process("import", folder, "--labels", folder / "labels.csv", "--label-from", "folder")
     failed_with_a_sentence(both, "exclude each other", status=2)
 
 
 @pytest.mark.parametrize("name", ["UNBEND_WORKERS", "UNBEND_MAX_QUEUED", "UNBEND_JOB_SECONDS"])
 def test_a_server_with_an_invalid_setting_does_not_start_and_names_it(name):
-    done = called("serve", "--port", 0, **{name: "-1"})
+    done = in_process("serve", "--port", 0, **{name: "-1"})
     assert done.returncode == 1
     assert name in done.stderr
     assert "Traceback" not in done.stderr
@@ -563,14 +567,14 @@ def test_a_server_whose_library_cannot_be_opened_exits_with_a_message(tmp_path):
     [("UNBEND_OPEN", "perhaps"), ("UNBEND_CORS_ORIGINS", "https://a.example/path"), ("UNBEND_CORS_ORIGINS", "a")],
 )
 def test_an_invalid_access_setting_is_named(name, value):
-    done = called("serve", "--port", 0, **{name: value})
+    done = in_process("serve", "--port", 0, **{name: value})
     assert done.returncode == 1
     assert name in done.stderr
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", ""])  # noqa: S104
 def test_a_library_without_keys_is_not_served_to_other_machines(tmp_path, host):
-    done = called("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
+    done = in_process("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
     assert done.returncode == 1
     assert "the library has no keys" in done.stderr
     assert "unbend keys create" in done.stderr
@@ -578,57 +582,62 @@ def test_a_library_without_keys_is_not_served_to_other_machines(tmp_path, host):
 
 def test_a_key_is_shown_once_then_listed_and_revoked(tmp_path):
     library = ("--library", tmp_path / "a.db")
-    assert "no keys" in succeeded("keys", "list", *library, run=called).stdout
-    done = succeeded("keys", "create", "scanner", "--scope", "write", *library, run=called)
+    assert "no keys" in succeeded("keys", "list", *library, run=in_process).stdout
+    done = succeeded("keys", "create", "scanner", "--scope", "write", *library, run=in_process)
     (text,) = done.stdout.split()
     prefix, key_id, secret = text.split("_", 2)
     assert prefix == "unbend"
     assert secret not in done.stderr
-    (told,) = json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"]
-    assert (told["id"], told["name"], told["scope"], told["revoked_at"]) == (key_id, "scanner", "write", None)
-    assert set(told) == {"id", "name", "scope", "created_at", "revoked_at", "expires_at", "expired", "most_jobs"}
-    assert "scanner" in succeeded("keys", "revoke", key_id, *library, run=called).stdout
-    table = succeeded("keys", "list", *library, run=called).stdout
+    (reported,) = json.loads(succeeded("keys", "list", "--json", *library, run=in_process).stdout)["keys"]
+    assert (reported["id"], reported["name"], reported["scope"], reported["revoked_at"]) == (
+        key_id,
+        "scanner",
+        "write",
+        None,
+    )
+    assert set(reported) == {"id", "name", "scope", "created_at", "revoked_at", "expires_at", "expired", "most_jobs"}
+    assert "scanner" in succeeded("keys", "revoke", key_id, *library, run=in_process).stdout
+    table = succeeded("keys", "list", *library, run=in_process).stdout
     assert key_id in table
     assert secret not in table
-    assert json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"][0]["revoked_at"]
-    failed_with_a_sentence(called("keys", "revoke", "nobody", *library), "no key nobody")
-    failed_with_a_sentence(called("keys", "create", "", *library), "name")
+    assert json.loads(succeeded("keys", "list", "--json", *library, run=in_process).stdout)["keys"][0]["revoked_at"]
+    failed_with_a_sentence(in_process("keys", "revoke", "nobody", *library), "no key nobody")
+    failed_with_a_sentence(in_process("keys", "create", "", *library), "name")
 
 
 def test_a_new_key_may_only_read_by_default(tmp_path):
     named = {"UNBEND_LIBRARY": str(tmp_path / "a.db")}
-    succeeded("keys", "create", "x", run=called, **named)
-    (told,) = json.loads(succeeded("keys", "list", "--json", run=called, **named).stdout)["keys"]
-    assert told["scope"] == "read"
+    succeeded("keys", "create", "x", run=in_process, **named)
+    (reported,) = json.loads(succeeded("keys", "list", "--json", run=in_process, **named).stdout)["keys"]
+    assert reported["scope"] == "read"
 
 
 def test_commands_send_the_api_key_of_the_environment(folder, tmp_path):
     library = ("--library", tmp_path / "library.db")
     reader, writer = (
-        succeeded("keys", "create", scope, "--scope", scope, *library, run=called).stdout.strip()
+        succeeded("keys", "create", scope, "--scope", scope, *library, run=in_process).stdout.strip()
         for scope in ("read", "write")
     )
     options = ["--samples", 40]
     with Server(tmp_path, workers=1) as running:
         imports = ("import", folder / "sheets", "--url", running.url, *options)
-        failed_with_a_sentence(called(*imports), "needs an API key")
-        failed_with_a_sentence(called(*imports, UNBEND_API_KEY="unbend_x_y"), "no key of this library")
-        failed_with_a_sentence(called(*imports, UNBEND_API_KEY=reader), "may only read")
-        assert "3 of 3" in succeeded(*imports, run=called, UNBEND_API_KEY=writer).stdout
+        failed_with_a_sentence(in_process(*imports), "needs an API key")
+        failed_with_a_sentence(in_process(*imports, UNBEND_API_KEY="unbend_x_y"), "no key of this library")
+        failed_with_a_sentence(in_process(*imports, UNBEND_API_KEY=reader), "may only read")
+        assert "3 of 3" in succeeded(*imports, run=in_process, UNBEND_API_KEY=writer).stdout
         query = ("query", folder / "sheets/flat.ply", "--url", running.url, "--json", *options)
-        assert json.loads(succeeded(*query, run=called, UNBEND_API_KEY=reader).stdout)["shapes"]
+        assert json.loads(succeeded(*query, run=in_process, UNBEND_API_KEY=reader).stdout)["shapes"]
 
 
 def test_the_openapi_document_is_printed_and_written(tmp_path):
     committed = (Path(__file__).parents[2] / "openapi/openapi.json").read_text()
     assert succeeded("openapi", UNBEND_MAX_QUEUED="7").stdout == committed
-    assert succeeded("openapi", "-o", tmp_path / "o.json", run=called).stdout == ""
+    assert succeeded("openapi", "-o", tmp_path / "o.json", run=in_process).stdout == ""
     assert (tmp_path / "o.json").read_text() == committed
 
 
 def test_the_demo_is_written_with_a_file_of_labels(tmp_path):
-    done = succeeded("demo", "--write", tmp_path / "demo", run=called)
+    done = succeeded("demo", "--write", tmp_path / "demo", run=in_process)
     lines = (tmp_path / "demo/labels.csv").read_text().splitlines()
     assert lines[0] == "path,class"
     assert done.stdout.startswith(f"{len(lines) - 1} demo shapes")

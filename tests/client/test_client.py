@@ -304,14 +304,14 @@ def until_running(job) -> None:
 
 def test_the_events_of_a_job_end_with_its_result(client, mesh, kind):
     job = client.submit(mesh(12), parameters=SAMPLES)
-    told = list(job.events())
-    assert told[-1]["state"] == "succeeded"
-    assert job.status() == told[-1]
-    assert list(job.events()) == [told[-1]]
+    reported = list(job.events())
+    assert reported[-1]["state"] == "succeeded"
+    assert job.status() == reported[-1]
+    assert list(job.events()) == [reported[-1]]
     again = client.job(job.id)
-    assert list(again.events()) == [told[-1]]
+    assert list(again.events()) == [reported[-1]]
     stored = client.submit(mesh(12), parameters=SAMPLES)
-    assert [record["shape_id"] for record in stored.events()] == [told[-1]["shape_id"]]
+    assert [record["shape_id"] for record in stored.events()] == [reported[-1]["shape_id"]]
     with pytest.raises(NotFoundError, match="nobody"):
         list(client.job_events("nobody"))
 
@@ -367,10 +367,10 @@ def test_a_broken_event_stream_is_resumed_without_repeated_events(server, kind):
     with closing(CuttingRelay(server.url, limit=1500)) as relay:  # the head and one or two events
         relay.start()
         made, close = make_client(kind, relay.url)
-        told = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())
+        reported = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())
         close()
-    assert told[-1]["state"] == "succeeded"
-    places = [(job["state"], job["stage"], job["progress"]) for job in told]
+    assert reported[-1]["state"] == "succeeded"
+    places = [(job["state"], job["stage"], job["progress"]) for job in reported]
     assert len(set(places)) == len(places)
     assert len(relay.heads) > 1
     assert b"last-event-id" not in relay.heads[0].lower()

@@ -165,9 +165,9 @@ def test_an_unused_label_leaves_no_byte_on_disk(library, path):
     end(library, job_id, "succeeded", result=answer)
     library.change(shape_id, {"label": "another", "name": "renamed", "metadata": {}})
     assert_soon_gone(path, b"label-of-it")
-    told = job_of(library, job_id).result
-    assert told["classes"] == []
-    assert [(match["name"], match["label"]) for match in told["shapes"]] == [("renamed", "another")]
+    reported = job_of(library, job_id).result
+    assert reported["classes"] == []
+    assert [(match["name"], match["label"]) for match in reported["shapes"]] == [("renamed", "another")]
     library.remove(shape_id)
     assert job_of(library, job_id).result == ranking()
     assert_no_secrets(path, b"renamed", b"another")

@@ -66,9 +66,9 @@ def test_an_export_contains_every_file_and_the_whole_record(library, tmp_path):
     out = tmp_path / "new/out"
     assert library.export(out) == 3
     assert {file.name for file in out.iterdir()} == {"labels.csv", "ring.off", "ring.obj", "no_label_.ply"}
-    told = rows_of(out)
+    reported = rows_of(out)
     assert (out / "labels.csv").read_bytes().startswith(b"path,class,")
-    for row, record in zip(told, records, strict=True):
+    for row, record in zip(reported, records, strict=True):
         assert list(row) == COLUMNS
         assert (out / row["path"]).read_bytes() == library.mesh(record.id)
         assert (row["class"], row["id"], row["name"]) == (record.label or "", record.id, record.name)
@@ -87,11 +87,11 @@ def test_equal_names_get_different_files(library, tmp_path):
     records.insert(0, add(library, b"OFF 10", "labels.csv"))
     out = tmp_path / "out"
     assert library.export(out) == 7
-    told = {row["id"]: row["path"] for row in rows_of(out)}
-    assert len(set(told.values())) == 7
-    assert told[records[1].id] == "cat.off"
-    assert told[records[2].id] == f"cat-{records[2].id}.off"
-    for shape_id, path in told.items():
+    reported = {row["id"]: row["path"] for row in rows_of(out)}
+    assert len(set(reported.values())) == 7
+    assert reported[records[1].id] == "cat.off"
+    assert reported[records[2].id] == f"cat-{records[2].id}.off"
+    for shape_id, path in reported.items():
         assert (out / path).read_bytes() == library.mesh(shape_id)
 
 
@@ -152,9 +152,9 @@ def test_an_export_is_consistent_while_another_library_writes(library, path, tmp
     finally:
         stop.set()
         thread.join()
-    told = rows_of(tmp_path / "out")
-    assert told[0]["name"] == told[-1]["name"]
-    assert len({row["path"] for row in told}) == len(told)
+    reported = rows_of(tmp_path / "out")
+    assert reported[0]["name"] == reported[-1]["name"]
+    assert len({row["path"] for row in reported}) == len(reported)
 
 
 def test_an_export_that_fails_has_no_file_of_labels(library, tmp_path):

@@ -126,5 +126,5 @@ def test_a_long_history_does_not_slow_the_removal_of_shapes_down(library):
     assert removing(shapes[5:10]) < 10 * without + 0.5  # an earlier version took 30 ms more for each query
     job = listed(library, limit=1).items[0]
     with library.store.read() as connection:
-        told = job_rows.get_job(connection, job.id).result
-    assert [match["id"] for match in told["shapes"]] == [shape.id for shape in shapes[10:]]
+        reported = job_rows.get_job(connection, job.id).result
+    assert [match["id"] for match in reported["shapes"]] == [shape.id for shape in shapes[10:]]

@@ -352,17 +352,17 @@ def test_an_unknown_measure_is_refused(filled):
 
 
 def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
-    metrics, told = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
-    assert metrics == told.metrics
+    metrics, reported = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
+    assert metrics == reported.metrics
     assert (metrics.nn, metrics.ft, metrics.map) == (1.0, 1.0, 1.0)
-    assert (told.queries, told.labels) == (5, ("sheet", "sphere"))
-    assert told.confusion.tolist() == [[3, 0], [0, 2]]
+    assert (reported.queries, reported.labels) == (5, ("sheet", "sphere"))
+    assert reported.confusion.tolist() == [[3, 0], [0, 2]]
 
 
 def test_the_evaluation_of_a_large_library_uses_a_sample_of_queries(filled, monkeypatch):
     monkeypatch.setattr(overview, "_PAIRS", 15)
-    told = filled[0].evaluation(parameters=FEW)
-    assert (told.queries, told.metrics.nn) == (3, 1.0)
+    reported = filled[0].evaluation(parameters=FEW)
+    assert (reported.queries, reported.metrics.nn) == (3, 1.0)
 
 
 def test_the_map_places_every_shape_by_signature_and_by_original_surface(filled):
@@ -437,9 +437,9 @@ def test_answers_do_not_depend_on_the_order_of_the_library(tmp_path, measure):
         with Library(str(tmp_path / f"{way}.db")) as library:
             for name, (surface, label) in list(enumerate(zip(members, labels, strict=True)))[::way]:
                 library.add(ply(surface), name=str(name), label=label, parameters=FEW)
-            told = [library.rank(query, measure=measure, classifier=classifier, k=20) for classifier in CLASSIFIERS]
-            found.append([([(m.name, m.distance) for m in of.shapes], of.known) for of in told])
-            found[-1] += [[(c.label, pytest.approx(c.confidence, rel=1e-9)) for c in of.classes] for of in told]
+            reported = [library.rank(query, measure=measure, classifier=classifier, k=20) for classifier in CLASSIFIERS]
+            found.append([([(m.name, m.distance) for m in of.shapes], of.known) for of in reported])
+            found[-1] += [[(c.label, pytest.approx(c.confidence, rel=1e-9)) for c in of.classes] for of in reported]
     assert found[0] == found[1]
 
 

@@ -135,13 +135,13 @@ _STORED = ("kind", "state", "stage", "progress", "attempts", "restarts", "seq", 
 
 @each
 def test_every_job_of_an_old_library_is_kept_and_queued_jobs_can_be_computed(old, tmp_path):
-    told = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
+    reported = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
     with Library(str(old)) as library:
         with library.store.read() as connection:
-            jobs = [job_rows.get_job(connection, job_id) for job_id in told]
-        assert len(jobs) == len(told) == 7
+            jobs = [job_rows.get_job(connection, job_id) for job_id in reported]
+        assert len(jobs) == len(reported) == 7
         for job in jobs:
-            row = told[job.id]
+            row = reported[job.id]
             for name in _STORED:
                 assert getattr(job, name) == row[name]
             assert job.error == json.loads(row["error"] or "null")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.commands import called, succeeded
+from tests.support.commands import in_process, succeeded
 from tests.support.server import small_mesh
 from tests.support.store import PARAMETERS, add
 from unbend import Library, Parameters
@@ -87,7 +87,7 @@ def harmed(sound: Path, folder: Path, statement: str) -> Path:
 
 def test_a_valid_backup_passes_verification_unchanged(sound):
     before = sound.read_bytes()
-    done = succeeded("backup", sound, "--verify", run=called)
+    done = succeeded("backup", sound, "--verify", run=in_process)
     assert "2 shapes" in done.stdout
     assert "sound" in done.stdout
     assert sound.read_bytes() == before
@@ -101,8 +101,8 @@ def test_a_manipulated_backup_is_refused_and_the_library_stays_unchanged(sound, 
     with Library(str(tmp_path / "library.db")) as library:
         kept = add(library, b"kept", "kept").id
     for refused in (
-        called("backup", path, "--verify"),
-        called("restore", path, "--library", tmp_path / "library.db", "--force"),
+        in_process("backup", path, "--verify"),
+        in_process("restore", path, "--library", tmp_path / "library.db", "--force"),
     ):
         assert refused.returncode == 1
         assert said in refused.stderr

@@ -126,12 +126,14 @@ def test_a_class_with_one_member_counts_as_wrong_and_has_no_metrics():
 def test_an_evaluation_is_one_json_object_that_contains_the_metrics():
     labels = ["b", "a", "a", "b", "c"]
     found = evaluate(separate(labels), labels, labels, own=np.arange(5))
-    told = json.loads(json.dumps(found.as_dict(), allow_nan=False))
-    assert told == found.as_dict()
-    assert {name: told[name] for name in METRICS} == vars(leave_one_out(separate(labels), labels))
-    assert told["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(METRICS)
-    assert told["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
-    assert told["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
+    reported = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    assert reported == found.as_dict()
+    assert {name: reported[name] for name in METRICS} == vars(leave_one_out(separate(labels), labels))
+    assert reported["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(
+        METRICS
+    )
+    assert reported["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
+    assert reported["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
 
 
 # --- comparison with the definitions
@@ -206,8 +208,8 @@ def test_every_metric_equals_the_mean_of_its_definition(trial):
         assert found.metrics is None
     for row in found.classes:
         own_rows = [values for label, values in metrics if label == row.label]
-        told = None if row.metrics is None else list(vars(row.metrics).values())
-        assert told == (pytest.approx(np.mean(own_rows, axis=0)) if own_rows else None)
+        reported = None if row.metrics is None else list(vars(row.metrics).values())
+        assert reported == (pytest.approx(np.mean(own_rows, axis=0)) if own_rows else None)
         assert (row.queries, row.members) == (queries.count(row.label), gallery.count(row.label))
     levels = [level for level in range(1, 21) if any(level in curve for curve in curves)]
     expected = [np.mean([curve[level] for curve in curves if level in curve]) for level in levels]

@@ -111,13 +111,13 @@ def rows(page: Page, caption: str) -> list[list[str]]:
     found: list[list[str]] = []
     inside = False
     for tag, _, parts in page.elements:
-        told = " ".join("".join(parts).split())
+        reported = " ".join("".join(parts).split())
         if tag == "table":
-            inside = told.startswith(caption)
+            inside = reported.startswith(caption)
         elif inside and tag == "tr":
             found.append([])
         elif inside and tag in {"th", "td"}:
-            found[-1].append(told)
+            found[-1].append(reported)
     return found
 
 
@@ -190,8 +190,8 @@ def test_the_confusion_matrix_places_and_names_every_cell_that_is_not_empty(text
     for cell in drawing.findall("g/g"):
         x, y = map(float, re.findall(r"[\d.]+", cell.get("transform")))
         side = float(cell.find("rect").get("width"))
-        told = (" ".join(cell.find("title").text.split()), cell.find("text").text, cell.get("class"))
-        cells[labels[2 * int(y / side)], labels[2 * int(x / side)]] = told
+        reported = (" ".join(cell.find("title").text.split()), cell.find("text").text, cell.get("class"))
+        cells[labels[2 * int(y / side)], labels[2 * int(x / side)]] = reported
     assert cells == {
         (CLASS, CLASS): (f"2 of class {CLASS}: nearest are {CLASS} (67 %)", "2", "right"),
         (CLASS, "cat"): (f"1 of class {CLASS}: nearest is cat (33 %)", "1", "wrong"),

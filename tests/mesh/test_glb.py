@@ -140,8 +140,8 @@ INSTANCES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
     ],
 )
 def test_skipped_parts_of_a_glb_file_are_noted(data, note):
-    (told,) = check(data)
-    assert note in told
+    (reported,) = check(data)
+    assert note in reported
 
 
 def test_morph_targets_are_noted():

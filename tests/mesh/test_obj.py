@@ -77,8 +77,8 @@ def test_variants_of_an_obj_file_give_the_same_mesh(data):
     ],
 )
 def test_skipped_parts_of_an_obj_file_are_noted(data, note):
-    (told,) = check(data)
-    assert note in told
+    (reported,) = check(data)
+    assert note in reported
 
 
 @pytest.mark.parametrize(

@@ -94,8 +94,8 @@ def test_variants_of_a_text_stl_file_give_the_same_mesh(data):
     ],
 )
 def test_skipped_parts_of_an_stl_file_are_noted(data, note):
-    (told,) = check(data, "stl")
-    assert note in told
+    (reported,) = check(data, "stl")
+    assert note in reported
 
 
 def test_a_facet_of_four_corners_is_cut_as_a_polygon():

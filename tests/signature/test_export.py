@@ -96,10 +96,10 @@ def test_vertices_without_a_face_are_exported_as_zero(file_type):
 def test_json_and_npz_of_a_form_contain_every_coordinate():
     loose = Surface(np.vstack([SURFACE.vertices, [[9, 9, 9]]]), SURFACE.faces)
     form = canonical_form(loose, Parameters(samples=60, dimensions=4))
-    told = json.loads(export_form(form, "json"))
-    np.testing.assert_array_equal(told["points"][:-1], form.points[:-1])
-    assert told["points"][-1] is None
-    assert told["scale"] == form.signature.scale
+    reported = json.loads(export_form(form, "json"))
+    np.testing.assert_array_equal(reported["points"][:-1], form.points[:-1])
+    assert reported["points"][-1] is None
+    assert reported["scale"] == form.signature.scale
     with np.load(io.BytesIO(export_form(form, "npz"))) as arrays:
         np.testing.assert_array_equal(arrays["points"], form.points)
         np.testing.assert_array_equal(arrays["faces"], form.faces)

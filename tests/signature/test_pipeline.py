@@ -214,11 +214,11 @@ def test_progress_names_the_stages_and_never_decreases():
 def test_progress_reports_samples_rows_iterations_and_stress():
     seen: list[Progress] = []
     signature = compute_signature(torus(), Parameters(samples=100), progress=seen.append)
-    told = {stage: [progress.detail for progress in seen if progress.stage == stage] for stage in STAGES}
-    assert told["sampling"][0] == {"sample": 0, "samples": 100}
-    assert told["sampling"][-1] == {"sample": 100, "samples": 100}
-    assert told["geodesics"][-1] == {"row": 100, "rows": 100}
-    iterations = [detail for detail in told["embedding"] if detail]
+    reported = {stage: [progress.detail for progress in seen if progress.stage == stage] for stage in STAGES}
+    assert reported["sampling"][0] == {"sample": 0, "samples": 100}
+    assert reported["sampling"][-1] == {"sample": 100, "samples": 100}
+    assert reported["geodesics"][-1] == {"row": 100, "rows": 100}
+    iterations = [detail for detail in reported["embedding"] if detail]
     assert [detail["iteration"] for detail in iterations[:3]] == [1, 2, 3]
     stresses = [detail["stress"] for detail in iterations]
     assert stresses == sorted(stresses, reverse=True)
@@ -306,14 +306,14 @@ def test_exported_signatures_can_be_read_as_meshes(file_type, dimensions):
 
 def test_json_and_npz_exports_contain_all_fields():
     signature = compute_signature(tetrahedron())
-    told = json.loads(export_signature(signature, "json"))
+    reported = json.loads(export_signature(signature, "json"))
     with np.load(io.BytesIO(export_signature(signature, "npz"))) as arrays:
         for name in ("points", "faces", "samples", "weights"):
-            np.testing.assert_array_equal(told[name], getattr(signature, name))
+            np.testing.assert_array_equal(reported[name], getattr(signature, name))
             np.testing.assert_array_equal(arrays[name], getattr(signature, name))
         np.testing.assert_array_equal(arrays["moments"], signature.moments)
-    assert told["parameters"] == Parameters().as_dict()
-    assert told["descriptors"]["spectrum"] == signature.spectrum.tolist()
+    assert reported["parameters"] == Parameters().as_dict()
+    assert reported["descriptors"]["spectrum"] == signature.spectrum.tolist()
 
 
 def test_an_unknown_export_format_is_refused():

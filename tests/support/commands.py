@@ -19,7 +19,7 @@ def unbend(*arguments: object, **settings: str) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
-def called(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
+def in_process(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
     """Run a command within this process, which saves the seconds that a new process needs for imports."""
     from unbend.cli import main
 

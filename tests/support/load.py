@@ -237,12 +237,12 @@ class Caller:
             self.faults.append(f"{asked}: {response.status_code} instead of {status}: {response.text[:200]}")
         return response.status_code == status
 
-    def _chosen(self, told: dict | set, everything: bool) -> list[str]:
-        names = sorted(told)
+    def _chosen(self, reported: dict | set, everything: bool) -> list[str]:
+        names = sorted(reported)
         if everything or len(names) <= _SAMPLE:
             return names
         some = self._random.choice(names, _SAMPLE, replace=False).tolist()
-        return sorted({*some, *self._recent.intersection(told)})
+        return sorted({*some, *self._recent.intersection(reported)})
 
     def _any(self) -> str | None:
         return str(self._random.choice(list(self.kept))) if self.kept else None

@@ -22,7 +22,7 @@ def on_a_line(*members):
     return Gallery.of(np.array([[place] for place, _ in members], np.float32), [label for _, label in members])
 
 
-def told(answer):
+def labels_and_distances(answer):
     return [(match.label, pytest.approx(match.distance)) for match in answer.matches]
 
 
@@ -30,26 +30,26 @@ LINE = on_a_line((0, "a"), (1, "a"), (4, "b"), (5, "b"), (6, "b"), (2.4, None))
 
 
 def test_nearest_uses_the_distance_of_the_nearest_member(ask):
-    assert told(ask(LINE, 2.4)) == [("a", 1.4), ("b", 1.6)]
-    assert told(ask(LINE, 3.0)) == [("b", 1.0), ("a", 2.0)]
+    assert labels_and_distances(ask(LINE, 2.4)) == [("a", 1.4), ("b", 1.6)]
+    assert labels_and_distances(ask(LINE, 3.0)) == [("b", 1.0), ("a", 2.0)]
 
 
 def test_vote_lets_two_neighbours_outvote_a_nearer_one(ask):
     gallery = on_a_line((-1.0, "a"), (1.2, "b"), (1.3, "b"), (9.0, "c"))
-    assert told(ask(gallery, 0.0, "nearest"))[0] == ("a", 1.0)
-    assert told(ask(gallery, 0.0, "vote")) == [("b", pytest.approx(1.2)), ("a", 1.0), ("c", 9.0)]
+    assert labels_and_distances(ask(gallery, 0.0, "nearest"))[0] == ("a", 1.0)
+    assert labels_and_distances(ask(gallery, 0.0, "vote")) == [("b", pytest.approx(1.2)), ("a", 1.0), ("c", 9.0)]
     far = on_a_line((-1.0, "a"), (2.2, "b"), (2.3, "b"))
-    assert told(ask(far, 0.0, "vote"))[0] == ("a", 1.0)  # 1 / 2.2 + 1 / 2.3 is less than 1
+    assert labels_and_distances(ask(far, 0.0, "vote"))[0] == ("a", 1.0)  # 1 / 2.2 + 1 / 2.3 is less than 1
 
 
 def test_vote_includes_all_neighbours_as_near_as_the_third(ask):
     members = [(-1.0, "a"), (1.9, "c"), (2.0, "b"), (-2.0, "b"), (2.0, "b")]
     for order in (members, members[::-1]):
-        assert told(ask(on_a_line(*order), 0.0, "vote"))[0] == ("b", 2.0)
+        assert labels_and_distances(ask(on_a_line(*order), 0.0, "vote"))[0] == ("b", 2.0)
 
 
 def test_mean_uses_the_distance_to_the_mean_of_the_class(ask):
-    assert told(ask(LINE, 2.4, "mean")) == [("a", 1.9), ("b", 2.6)]
+    assert labels_and_distances(ask(LINE, 2.4, "mean")) == [("a", 1.9), ("b", 2.6)]
 
 
 def test_discriminants_prefer_axes_along_which_members_agree(ask):
@@ -84,7 +84,7 @@ def test_no_labels_give_no_matches_and_a_single_class_has_confidence_one(ask, cl
 def test_equally_near_classes_are_sorted_by_label_with_equal_confidence(ask, classifier):
     for gallery in (on_a_line((1, "b"), (-1, "a")), on_a_line((-1, "a"), (1, "b"))):
         answer = ask(gallery, 0.0, classifier)
-        assert told(answer) == [("a", 1.0), ("b", 1.0)]
+        assert labels_and_distances(answer) == [("a", 1.0), ("b", 1.0)]
         assert [match.confidence for match in answer.matches] == [0.5, 0.5]
     twins = ask(on_a_line((0, "b"), (0, "a"), (1, "c")), 0.0, classifier)
     assert [match.confidence for match in twins.matches] == pytest.approx([0.5, 0.5, 0.0])

@@ -372,7 +372,7 @@ def test_connections_beyond_the_limit_evict_the_longest_idle_ones(tmp_path):
 
 
 def test_a_low_limit_on_file_descriptors_lowers_the_limit_on_connections(tmp_path, monkeypatch):
-    """Accepting a connection therefore never fails."""
+    """The limit on connections stays below the limit on file descriptors, so that accepting never fails."""
     limited = f'ulimit -n 256; exec {shlex.quote(sys.executable)} "$@"'
     program = tmp_path / "python"
     program.write_text(f"#!/bin/sh\n{limited}\n")

@@ -109,9 +109,7 @@ def test_contours_have_the_length_in_every_triangle_and_end_only_at_the_border(s
     rng = np.random.default_rng(seed)
     surface = torus(columns=9, rows=7) if seed % 2 else grid(7, 6)
     size = len(surface.vertices)
-    values = (
-        rng.integers(0, 4, size).astype(float) if whole else rng.normal(size=size)
-    )  # integers often equal the level
+    values = rng.integers(0, 4, size).astype(float) if whole else rng.normal(size=size)  # integers may equal the level
     level = float(rng.integers(1, 4)) if whole else float(rng.normal())
     (lines,) = iso_contours(surface, values, level)
     a, b, c = (values[surface.faces[:, corner]] for corner in range(3))

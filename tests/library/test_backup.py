@@ -429,9 +429,7 @@ def test_a_running_server_uses_the_restored_library(tmp_path):
         first = stored(http, small_mesh(0), name="first", label="a", **few)
         query = {"shape_id": first["id"]}
         with Library(str(server.library)) as library:
-            enqueue(
-                library, small_mesh(90), "waited"
-            )  # without a notice to the server, which runs it with the next upload
+            enqueue(library, small_mesh(90), "waited")  # the server notices this job at the next upload
             copy = library.backup(tmp_path / "copy.db").path
         gone = stored(http, small_mesh(1), name="second", label="b", **few)
         assert http.post("/v1/queries", json=query).json()["shapes"][0]["id"] == gone["id"]

@@ -129,9 +129,8 @@ def test_an_evaluation_is_one_json_object_that_contains_the_metrics():
     reported = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert reported == found.as_dict()
     assert {name: reported[name] for name in METRICS} == vars(leave_one_out(separate(labels), labels))
-    assert reported["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(
-        METRICS
-    )
+    lone = {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0}
+    assert reported["classes"][2] == lone | dict.fromkeys(METRICS)
     assert reported["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
     assert reported["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
 

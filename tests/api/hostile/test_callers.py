@@ -20,9 +20,7 @@ def test_a_forged_forwarded_address_does_not_evade_the_rate_limit(tmp_path):
             for number in range(30)
         ]
     assert 429 in answers
-    assert (
-        200 not in answers
-    )  # without keys, the library is open only to this machine, and forwarded clients are not on it
+    assert 200 not in answers  # a library without keys is open only to this machine, not to forwarded clients
 
 
 def test_a_trusted_proxy_forwards_the_client_address(tmp_path):

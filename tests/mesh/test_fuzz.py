@@ -25,7 +25,8 @@ LIMITS = MeshLimits(vertices=10_000, faces=10_000)
 
 def limit() -> None:
     """Limit the process to `MEMORY` more bytes than it uses now, and turn warnings into errors."""
-    read_mesh(seeds("off")[0])  # imports and compiles before the limit applies
+    for file_type in FORMATS:  # imports and compiles before the limits of memory and time apply
+        read_mesh(seeds(file_type)[0])
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))

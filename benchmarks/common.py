@@ -13,7 +13,7 @@ DATA = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"
 
 
 def best_of(repeats: int, function: Callable[[], object]) -> float:
-    """Return the seconds of the quickest of some runs: the one least disturbed."""
+    """Return the seconds of the quickest run, the run that other processes disturbed least."""
     seconds = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -23,7 +23,7 @@ def best_of(repeats: int, function: Callable[[], object]) -> float:
 
 
 def in_turns(functions: dict[str, Callable[[], Any]], turns: int = 5) -> dict[str, tuple[float, Any]]:
-    """Return the seconds of the quickest of some calls of each function, called in turns, and what it returned."""
+    """Call the functions in turns; return the seconds of the quickest call of each, and its result."""
     best: dict[str, tuple[float, Any]] = {}
     for _ in range(turns):
         for name, function in functions.items():
@@ -42,7 +42,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def write_section(page: Path, name: str, text: str) -> None:
-    """Replace the part of `page` between the marks of `name`; append it where there are none."""
+    """Replace the part of `page` between the marks of `name`; append a new part if the page has no such marks."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     old = page.read_text() if page.exists() else "# Benchmarks\n"
     if begin not in old:

@@ -1,4 +1,4 @@
-"""Fixtures that all tests share: real data, rotations, running servers."""
+"""Fixtures that all tests share: real meshes, rotations, running servers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.server import Server
 ROOT = Path(__file__).parent.parent
 SHARED = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
 
-# CI runs the same examples every time; new ones are found on developers' machines.
+# CI runs the same examples every time; developers' machines search for new ones.
 settings.register_profile(
     "unbend",
     deadline=None,
@@ -28,7 +28,7 @@ settings.load_profile("unbend")
 
 
 SLOWEST = ("test_main_job.py", "test_contract.py", "test_commands.py", "test_ends.py", "test_hostile_clients.py")
-"""Files that take longest: they start first, so that no worker waits for the other at the end."""
+"""The slowest test files. They start first, so that no test process is idle at the end."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -37,7 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
-    """Name files by their argument and place: bytes may hold the time, and both workers must collect the same names."""
+    """Name binary parameters by their argument: such bytes may contain the time, and all processes need equal names."""
     if isinstance(val, bytes) and not (val.isascii() and val.decode("ascii").isprintable()):
         return argname
     return None
@@ -45,17 +45,17 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder of real meshes; CI, which has it, sets UNBEND_REQUIRE_SHARED so that nothing is skipped there."""
+    """The folder of real meshes. If it is missing, tests are skipped, or fail if UNBEND_REQUIRE_SHARED is set (CI)."""
     if not (SHARED / "labels.csv").is_file():
         if os.environ.get("UNBEND_REQUIRE_SHARED"):
-            pytest.fail(f"the real meshes are required here, but {SHARED} has no labels.csv")
-        pytest.skip(f"the real meshes are not here: {SHARED} has no labels.csv")
+            pytest.fail(f"UNBEND_REQUIRE_SHARED is set, but {SHARED} has no labels.csv")
+        pytest.skip(f"the real meshes are missing: {SHARED} has no labels.csv")
     return SHARED
 
 
 @pytest.fixture(scope="session")
 def labelled(shared_data: Path) -> Callable[[str], list[tuple[Path, dict[str, str]]]]:
-    """The meshes of one data set: (path, row of labels.csv)."""
+    """A function that lists the meshes of a data set as (path, row of labels.csv)."""
 
     def of(dataset: str) -> list[tuple[Path, dict[str, str]]]:
         with (shared_data / "labels.csv").open(newline="") as file:
@@ -66,7 +66,7 @@ def labelled(shared_data: Path) -> Callable[[str], list[tuple[Path, dict[str, st
 
 @pytest.fixture(scope="session")
 def rotation() -> Callable[[int], np.ndarray]:
-    """A random rotation for each seed."""
+    """A function that returns a random rotation for a seed."""
 
     def of(seed: int) -> np.ndarray:
         q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
@@ -78,14 +78,14 @@ def rotation() -> Callable[[int], np.ndarray]:
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """A running server with a library of its own, shared by all tests that do not stop it."""
+    """A running server with its own library, shared by all tests that do not stop it."""
     with Server(tmp_path_factory.mktemp("server")) as running:
         yield running
 
 
 @pytest.fixture(scope="session")
 def small_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """A server that takes one megabyte, and lets one job wait for its only worker."""
+    """A server with one worker that accepts uploads of one megabyte and queues one job."""
     folder = tmp_path_factory.mktemp("small")
     with Server(folder, workers=1, max_upload_mb=1, max_queued=1, drain_seconds=0) as running:
         yield running

@@ -1,4 +1,4 @@
-"""What the documents promise and the code holds, side by side."""
+"""The documentation agrees with the code."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def test_every_setting_is_documented_with_its_default():
     assert set(rows) == {f"UNBEND_{name.upper()}" for name in Settings.model_fields}
     for name, field in Settings.model_fields.items():
         if field.default_factory is None:
-            told = rows[f"UNBEND_{name.upper()}"].strip().strip("`")
-            assert told == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
+            reported = rows[f"UNBEND_{name.upper()}"].strip().strip("`")
+            assert reported == (f"{field.default:g}" if isinstance(field.default, float) else str(field.default))
 
 
-def test_the_file_of_settings_in_the_documents_is_read(tmp_path, monkeypatch):
+def test_the_documented_settings_file_is_valid(tmp_path, monkeypatch):
     text = (DOCS / "operations.md").read_text()
     (example,) = re.findall(r"^```toml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     for name in [name for name in os.environ if name.startswith("UNBEND_")]:
@@ -50,18 +50,18 @@ def test_the_file_of_settings_in_the_documents_is_read(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("heading", "defaults"), [("Parameters", Parameters()), ("Policy", MeshPolicy())])
-def test_every_field_is_documented_with_its_default(heading, defaults):
+def test_every_parameter_and_policy_field_is_documented_with_its_default(heading, defaults):
     section = (DOCS / "http.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     rows = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+)`? \|", section, re.MULTILINE))
     assert rows == {name: json.dumps(value).strip('"') for name, value in asdict(defaults).items()}
 
 
-def test_every_measure_is_explained():
+def test_every_measure_is_documented():
     text = (DOCS / "how-it-works.md").read_text()
     assert all(f"| `{name}`" in text for name in MEASURES)
 
 
-def test_every_dependency_has_its_reason():
+def test_every_dependency_is_explained_in_the_decisions():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     text = (DOCS / "decisions.md").read_text()
     for requirement in project["dependencies"]:
@@ -69,13 +69,13 @@ def test_every_dependency_has_its_reason():
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda page: page.name)
-def test_links_between_the_documents_lead_somewhere(page):
+def test_every_relative_link_of_a_page_has_a_target(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
 
 
-def test_every_step_of_the_paper_names_what_is_there():
-    """The table of docs/paper.md: Python names can be imported, flags are options, fields and paths are in OpenAPI."""
+def test_every_name_in_the_steps_of_the_paper_exists():
+    """In the table of docs/paper.md, Python names can be imported, flags are options, and fields are in OpenAPI."""
     section = (DOCS / "paper.md").read_text().split("\n## Every step and choice, by name\n")[1].split("\n## ")[0]
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")]
@@ -105,7 +105,7 @@ def options() -> list[click.Parameter]:
 
 
 def is_public(name: str) -> bool:
-    """Say whether it is a measure, a module's, or one of `unbend` itself: a class's fields are named behind a point."""
+    """Tell whether a name is a measure, a member of a module, a name of `unbend`, or a field of such a class."""
     if name in MEASURES:
         return True
     if name.startswith("unbend."):
@@ -117,15 +117,16 @@ def is_public(name: str) -> bool:
 
 
 @pytest.mark.parametrize("page", sorted([*DOCS.glob("*.md"), ROOT / "README.md"]), ids=lambda page: page.name)
-def test_every_path_that_a_page_names_exists(page):
+def test_every_path_on_a_page_exists(page):
     named = set(re.findall(r"`((?:\w+/)+[\w.]+\.\w+)`", page.read_text()))
     roots = (ROOT, ROOT / "service" / "unbend")
     assert {path for path in named if not any((root / path).exists() for root in roots)} == set()
 
 
-def test_every_module_docstring_is_a_noun_phrase_or_an_imperative():
-    for path in (ROOT / "service" / "unbend").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-                first = (ast.get_docstring(node) or "").partition(" ")[0]
-                assert first not in {"That", "Of", "What", "Who"}, f"{path}: {ast.get_docstring(node)}"
+def test_no_docstring_begins_with_that_of_what_or_who():
+    for folder in (ROOT / "service" / "unbend", ROOT / "tests", ROOT / "benchmarks"):
+        for path in folder.rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                    first = (ast.get_docstring(node) or "").partition(" ")[0]
+                    assert first not in {"That", "Of", "What", "Who"}, f"{path}: {ast.get_docstring(node)}"

@@ -1,4 +1,4 @@
-"""The examples in docstrings run."""
+"""Runs the examples in docstrings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_the_examples_of_a_module_run(name):
     assert result.failed == 0
 
 
-def test_there_are_examples():
+def test_there_are_more_than_five_doctests():
     finder = doctest.DocTestFinder()
     found = [test for name in MODULES for test in finder.find(importlib.import_module(name)) if test.examples]
     assert len(found) > 5

@@ -1,4 +1,4 @@
-"""The main job, end to end on real input: import over HTTP, then measure retrieval on what the server stored."""
+"""The main use case with real meshes: import over HTTP, then retrieval on the stored shapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=True, env=without_settings(), timeout=400)
 
 
-def test_480_real_meshes_imported_over_http_are_told_apart_by_their_signatures(labelled, shared_data, tmp_path):
+def test_480_real_meshes_imported_over_http_are_classified_by_their_signatures(labelled, shared_data, tmp_path):
     listed = labelled("shrec11_simplified")
     with (tmp_path / "labels.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, ["path", "class"], extrasaction="ignore")
@@ -36,7 +36,7 @@ def test_480_real_meshes_imported_over_http_are_told_apart_by_their_signatures(l
             assert [match["label"] for match in alike["shapes"]] == ["alien"] * 5
     with Library(str(server.library)) as library:
         figures = {name: library.evaluate(name) for name in ("moments", "surface_moments", "spectrum")}
-    # the paper's Fig. 8 in numbers: the same moments, of signatures and of surfaces in space
+    # The paper's Fig. 8 in numbers: moments of signatures, and the same moments of the original surfaces.
     assert figures["moments"].nn >= 0.95
     assert figures["surface_moments"].nn < 0.6 * figures["moments"].nn
     spectrum = figures["spectrum"]
@@ -47,7 +47,7 @@ def test_480_real_meshes_imported_over_http_are_told_apart_by_their_signatures(l
 
 
 @pytest.mark.parametrize("dataset", ["dirty", "single"])
-def test_every_messy_real_mesh_ends_as_a_shape_or_a_typed_failure(labelled, dataset, tmp_path):
+def test_every_damaged_real_mesh_becomes_a_shape(labelled, dataset, tmp_path):
     with Server(tmp_path / "server") as server, Client(server.url) as client:
         jobs = [client.submit(path, parameters={"samples": 60}) for path, _ in labelled(dataset)]
         ended = [job.wait(300) for job in jobs]

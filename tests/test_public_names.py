@@ -1,4 +1,4 @@
-"""The public names, and what importing the package costs."""
+"""The public names of the package, and the cost of importing it."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ NAMES = {
 }  # fmt: skip
 
 
-def test_public_names_are_these_and_all_resolve():
+def test_the_public_names_are_listed_and_exist():
     assert set(unbend.__all__) == NAMES
     assert all(getattr(unbend, name) is not None for name in NAMES)
     assert dir(unbend) == sorted(NAMES)
 
 
-def test_unknown_name_is_an_attribute_error():
+def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="nothing"):
         unbend.nothing  # noqa: B018
 
 
-def test_importing_the_package_loads_no_framework_database_or_compiler():
+def test_importing_the_package_imports_no_heavy_packages():
     code = "import sys, unbend; print([m for m in ('fastapi', 'sqlalchemy', 'numba', 'numpy') if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
 
 
-def test_every_error_has_a_code_of_its_own_meaning():
+def test_every_error_has_a_unique_code():
     def below(kind):
         return [kind, *(found for child in kind.__subclasses__() for found in below(child))]
 

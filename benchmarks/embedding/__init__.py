@@ -1,1 +1,1 @@
-"""Scaling beside peers, its minima, and whole signatures."""
+"""Benchmarks of multidimensional scaling against other libraries, of its local minima, and of whole signatures."""

@@ -22,11 +22,11 @@ from unbend.mesh.shapes import TUBE_POSES, bent_tube, cylinder, helicoid_catenoi
 Bending = Callable[[int], Surface]
 
 TIMES = (1, 2, 4)
-"""Resolutions: each halves the edges of the one before."""
+"""Resolutions: each has edges half as long as the previous one."""
 
-TOLD = (
+INTRODUCTION = (
     "Three families of one surface bent in several ways, at three resolutions; default parameters. **Apart** is the"
-    " largest distance between two bendings, in each measure that sees the form alone. **Mesh** is the largest"
+    " largest distance between two bendings, in each measure that uses the form alone. **Mesh** is the largest"
     " distance of a bending from itself on a mesh of half the edge length. Each cell: apart / mesh (their ratio)."
 )
 
@@ -47,7 +47,7 @@ def families() -> dict[str, list[Bending]]:
 
 
 def main() -> None:
-    parts = [TOLD]
+    parts = [INTRODUCTION]
     parts += [_family_table(family, bendings) for family, bendings in families().items()]
     parts.append(_radius_table())
     write_section(ROOT / "docs" / "benchmarks.md", "isometric", "\n\n".join(parts))

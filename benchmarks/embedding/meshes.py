@@ -25,7 +25,7 @@ def matrix_of(path: Path, samples: int) -> np.ndarray:
 
 
 STEPS = {"shrec11_simplified": 20, "tosca5k": 8, "faust5k": 10, "shrec07": 10, "single": 1}
-"""One mesh of so many of each set."""
+"""From each set, every n-th mesh is taken."""
 
 
 def matrices_of_meshes() -> Iterator[tuple[str, np.ndarray]]:
@@ -34,7 +34,7 @@ def matrices_of_meshes() -> Iterator[tuple[str, np.ndarray]]:
 
 
 def matrices_of_others() -> Iterator[tuple[str, np.ndarray]]:
-    """Yield those of meshes between the ones of `matrices_of_meshes`, by which no constant was chosen."""
+    """Yield matrices of meshes that `matrices_of_meshes` skips, and that were not used to choose constants."""
     for dataset, step in STEPS.items():
         if step > 1:
             yield from _matrices(dataset, listed(dataset)[step // 2 :: step])

@@ -1,4 +1,4 @@
-"""Searches for the least stress, for comparison: how many evaluations of B(X) X each needs."""
+"""Minimisers of the stress, compared by how many evaluations of B(X) X each needs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST = 600
 
 
 class Recorder:
-    """Eq. 7 and the step of SMACOF, with the history of values."""
+    """Evaluates eq. 7 and the step of SMACOF, and records the value of each evaluation."""
 
     def __init__(self, distances: Array) -> None:
         self._gradient = StressGradient(distances, None, single=False, threads=1)
@@ -32,13 +32,13 @@ class Recorder:
         return value, gradient
 
     def step(self, axes: Array) -> tuple[float, Array]:
-        """Return the value at a point and where SMACOF goes from there."""
+        """Return the value at a point and the next point of SMACOF."""
         value, gradient = self(axes)
         return value, axes - gradient / self.count
 
     @property
     def spent(self) -> bool:
-        """Whether as many evaluations were made as are allowed."""
+        """Whether more than `MOST` evaluations were made."""
         return len(self.values) > MOST
 
 
@@ -50,7 +50,7 @@ def quasi_newton(function: Recorder, start: Array, memory: int) -> None:
 
 
 def extrapolated(function: Recorder, point: Array, cycle: int) -> None:
-    """Reduced rank extrapolation of cycles of SMACOF (Rosman et al. 2008)."""
+    """Minimise by reduced rank extrapolation of cycles of SMACOF (Rosman et al. 2008)."""
     value, target = function.step(point)
     while not function.spent:
         sequence = [point]
@@ -69,7 +69,7 @@ def extrapolated(function: Recorder, point: Array, cycle: int) -> None:
 
 
 def anderson(function: Recorder, point: Array, memory: int) -> None:
-    """Anderson's acceleration of SMACOF (Walker & Ni 2011), begun anew where it raises the stress."""
+    """Minimise by Anderson acceleration of SMACOF (Walker & Ni 2011), restarted when a step raises the stress."""
     value, target = function.step(point)
     residuals: list[Array] = []
     targets: list[Array] = []
@@ -102,7 +102,7 @@ SEARCHES: dict[str, Search] = {
 
 
 def iterations_to(distances: Array, start: Array, shares: Sequence[float]) -> dict[str, list[float]]:
-    """Return how many evaluations each search makes before it is within `shares` of the least stress of all."""
+    """Return how many evaluations each search makes until it is within each of `shares` of the least stress found."""
     histories = {}
     for name, search in SEARCHES.items():
         function = Recorder(distances)

@@ -1,9 +1,9 @@
-"""The number of samples that `samples="auto"` takes, and its time.
+"""The number of samples that `samples="auto"` chooses, and its time.
 
     python -m benchmarks.embedding.samples
 
-Meshes of four data sets; the time of a signature with samples chosen by analysis beside that with 300. Writes "samples"
-of docs/benchmarks.md.
+Uses meshes of four data sets, and compares the time of a signature with `samples="auto"` to the time with 300 samples.
+Writes the section "samples" of docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def main() -> None:
         ROOT / "docs" / "benchmarks.md", "samples",
         "**Samples by analysis**: how many `samples=\"auto\"` takes until the spectrum moves by at most the tolerance,"
         " and the median time of a signature over that with 300 samples, in turns.\n\n"
-        + table(["data set", "meshes", "tolerance", "fewest", "median", "most", "times 300"], rows),
+        + table(["data set", "meshes", "tolerance", "fewest", "median", "most", "time / time with 300"], rows),
     )  # fmt: skip
 
 

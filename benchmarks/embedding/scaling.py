@@ -1,6 +1,7 @@
-"""Scaling compared with its peers: time, stress, iterations, effective dimensions, and the time of a signature.
+"""Scaling compared with other libraries: time, stress, iterations, effective dimensions, and the time of a signature.
 
-One thread everywhere; the methods take turns and the quickest turn counts. Writes "embedding" of docs/benchmarks.md.
+Every method runs in one thread, except that whole forms use all threads. The methods take turns, and the quickest turn
+counts. Writes the section "embedding" of docs/benchmarks.md.
 """
 
 from __future__ import annotations

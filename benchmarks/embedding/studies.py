@@ -37,7 +37,7 @@ def acceleration_table(matrices: dict[str, np.ndarray]) -> str:
     return (
         f"**Acceleration**: median evaluations of B(X) X, over {len(matrices)} meshes, from classical scaling in three"
         " dimensions until the stress is within a share of the least that any of these reached.\n\n"
-        + table(["search", "1e-3", "1e-4", "1e-6", "reach 1e-6 in 600"], rows)
+        + table(["search", "1e-3", "1e-4", "1e-6", "share that reaches 1e-6 in 600"], rows)
     )
 
 
@@ -64,7 +64,7 @@ def order_table(matrices: dict[str, np.ndarray]) -> str:
 
 
 def minima_table(matrices: dict[str, np.ndarray]) -> str:
-    """Say how often each start ends in a minimum above the lowest that random starts of all points find."""
+    """Return how often each start ends in a minimum above the lowest known stress."""
     lines = []
     for dimensions in (2, 3, 4):
         ways: dict[str, list[float]] = {"from classical scaling": [], "from low minima of a few points (ours)": []}
@@ -87,7 +87,7 @@ def minima_table(matrices: dict[str, np.ndarray]) -> str:
         " above the lowest stress known (of both rows and ten random starts of all points); the worst of them; and the"
         " time beside that of the first row, in one thread. The first row is the embedding before this table: from"
         " classical scaling, and from FastMap where its stress is lower than what that led to.\n\n"
-        + table(["m", "start", "above", "worst", "times the first"], lines)
+        + table(["m", "start", "share above", "worst", "time / first row"], lines)
     )
 
 

@@ -1,1 +1,1 @@
-"""Distances beside peers, exact distances and damaged meshes."""
+"""Benchmarks of geodesic distances against other libraries, against exact distances, and on damaged meshes."""

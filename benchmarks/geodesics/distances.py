@@ -1,4 +1,4 @@
-"""Error, time and memory of geodesic distances, compared with every peer that has a wheel.
+"""Error, time and memory of geodesic distances, compared with every library that has a wheel.
 
 Each method runs in a process of its own, and the methods take turns on a mesh. Writes the section "geodesics" of
 docs/benchmarks.md and docs/pictures/geodesics.png; with --quick, measures less and only prints.
@@ -48,19 +48,19 @@ def _measure_meshes(folder: Folder, *, quick: bool) -> Results:
     small = folder.sphere(2)
     results: Results = {}
     for mesh in meshes:
-        _tell(mesh.name)
+        _log_step(mesh.name)
         results[mesh.name] = measure(mesh, small, rounds=1 if quick else 8, matrices=mesh.name in DETAILED)
     return results
 
 
 def _study(folder: Folder, *, quick: bool) -> Iterator[str]:
-    _tell("coarse meshes")
+    _log_step("coarse meshes")
     yield coarse_table(folder)
-    _tell("sheared grid")
+    _log_step("sheared grid")
     yield sheared_table(folder, [20, 40] if quick else [80, 160, 320])
-    _tell("sphere")
+    _log_step("sphere")
     yield sphere_table(folder, range(3, 5 if quick else 8))
-    _tell("scaling")
+    _log_step("scaling")
     yield scaling_table(_growing_meshes(folder, quick=quick), folder.sphere(2))
 
 
@@ -82,7 +82,7 @@ def _circumstances() -> str:
     )
 
 
-def _tell(step: str) -> None:
+def _log_step(step: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {step}", file=sys.stderr, flush=True)
 
 

@@ -1,4 +1,4 @@
-"""The figure of the section "geodesics": error over time, one marker a method."""
+"""The figure of the section "geodesics": error over time, with one marker for each method."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MARKERS = dict(zip(APPROXIMATE, "DosPXv^", strict=True))
 
 
 def draw(results: dict[str, dict[str, Result]], path: Path) -> None:
-    """Draw a panel a mesh: mean error over the time a source, exact geodesics as a line at theirs."""
+    """Draw a panel for each mesh: mean error over the time of a source, and a line at the time of exact geodesics."""
     page, panels = plt.subplots(
         1, len(results), figsize=(5.2 * len(results), 4.4), sharey=True, layout="constrained", squeeze=False
     )

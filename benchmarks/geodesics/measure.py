@@ -1,4 +1,4 @@
-"""Measuring all methods on one mesh: side by side and in turns, so that a disturbance hits all of them."""
+"""Measures all methods on one mesh in turns, so that a disturbance of the machine affects all of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unbend import farthest_point_sampling
 ERROR_SOURCES = 8
 TIMED_SOURCES = 32
 MATRIX_SIZE = 300
-_ROUND_SECONDS = 0.4  # of one method in a round
+_ROUND_SECONDS = 0.4  # time budget of one method in a round
 _SLOW_SECONDS = 0.5  # a row or a preparation that takes longer is not measured again
 _SLOW_MATRIX_SECONDS = 3.0
 
@@ -28,7 +28,7 @@ Error = tuple[float, float]
 
 @dataclass
 class Result:
-    """What was measured of one method on one mesh: a string instead of a figure says why there is none."""
+    """The measurements of one method on one mesh; a string in place of a number says why the number is missing."""
 
     opened: Opened | str = "-"
     error: Error | str = "-"
@@ -41,7 +41,7 @@ class Result:
 
 
 class Bench:
-    """Workers of all methods, and their results on one mesh."""
+    """The workers of all methods, and their results on one mesh."""
 
     def __init__(self, mesh: Mesh, workers: dict[str, Worker]) -> None:
         self.mesh = mesh
@@ -50,7 +50,7 @@ class Bench:
         self.timed_sources = mesh.spread(TIMED_SOURCES)
 
     def attempt(self, name: str, command: str, *arguments: object) -> Any:
-        """Return what a worker answers, or why it does not."""
+        """Return the answer of a worker, or the reason for its failure as a string."""
         try:
             return self.workers[name].call(command, *arguments)
         except PeerFailedError as failure:
@@ -68,7 +68,7 @@ class Bench:
                 result.alone = result.opened.row
 
     def errors(self) -> None:
-        """Compare all distances with exact ones."""
+        """Measure the errors of all methods against exact distances."""
         sources = self.mesh.spread(ERROR_SOURCES)
         exact = self.attempt(EXACT, "rows", sources)
         for name, result in self.results.items():
@@ -78,7 +78,7 @@ class Bench:
             result.error = error_of(self.attempt(name, "rows", asked), exact)
 
     def round(self) -> None:
-        """Time every method once, in turn, and keep the better of this round and those before."""
+        """Time every method once, in turn, and keep the best time of all rounds so far."""
         for name, result in self.results.items():
             if not _is_slow(result.alone, _SLOW_SECONDS):
                 alone = self.attempt(name, "time_alone", self.timed_sources, _ROUND_SECONDS)
@@ -91,7 +91,7 @@ class Bench:
                 result.preparation = again if isinstance(again, str) else min(again, result.preparation)
 
     def matrices(self) -> None:
-        """Time the matrix between farthest point samples; that of exact methods from the rows timed."""
+        """Time the matrix between farthest point samples; for exact methods, extrapolate from the time of a row."""
         samples = farthest_point_sampling(self.mesh.surface, MATRIX_SIZE).tolist()
         for name, result in self.results.items():
             if name in EXACTS:
@@ -119,18 +119,18 @@ def measure(mesh: Mesh, small: Mesh, rounds: int, *, matrices: bool) -> dict[str
 
 
 def start_workers(stack: ExitStack, names: list[str], small_mesh: Path) -> dict[str, Worker]:
-    """Start a process a method at the same time, and return when all have imported their libraries."""
+    """Start one process for each method, all at once, and return when all have imported their libraries."""
     workers = {name: stack.enter_context(Worker(name, small_mesh)) for name in names}
     for worker in workers.values():
         try:
             worker.wait_until_ready()
         except PeerFailedError:
-            continue  # the first call will say so
+            continue  # the first call raises the same error
     return workers
 
 
 def error_of(distances: Array | str, exact: Array | str) -> Error | str:
-    """Return the relative error of rows of distances, or what is wrong with them."""
+    """Return the relative error of rows of distances, or a string that says what is wrong with the rows."""
     if isinstance(distances, str):
         return distances
     if isinstance(exact, str):
@@ -146,7 +146,7 @@ def error_of(distances: Array | str, exact: Array | str) -> Error | str:
 
 
 def better(old: Timing | str, new: Timing | str) -> Timing | str:
-    """Return the quicker of two timings; a failure counts only where nothing else is known."""
+    """Return the quicker of two timings, or a failure if neither is a timing."""
     if isinstance(old, str) or isinstance(new, str):
         return new if isinstance(old, str) else old
     return min(old, new, key=lambda timing: timing.seconds)

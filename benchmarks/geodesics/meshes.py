@@ -1,4 +1,4 @@
-"""The meshes that geodesic distances are measured on, and what is known of them."""
+"""The meshes that geodesic distances are measured on, and the distances that are known in closed form."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHEAR = 1.5
 
 @dataclass(frozen=True)
 class Mesh:
-    """A mesh and the file that holds its arrays, as every method gets them."""
+    """A mesh and the file of its arrays, which every method loads."""
 
     name: str
     surface: Surface
@@ -60,7 +60,7 @@ class Folder:
         return Mesh(name, surface, path)
 
     def real(self, name: str) -> Mesh:
-        """Return one of REAL."""
+        """Return the mesh of this name in `REAL`."""
         return self.add(name, read_mesh(DATA / REAL[name]))
 
     def coarse(self) -> list[Mesh]:
@@ -70,7 +70,7 @@ class Folder:
         ]
 
     def torus(self, columns: int, rows: int) -> Mesh:
-        """Return a torus whose triangles are all alike up to its curvature, half of them obtuse."""
+        """Return a torus from a regular grid; half of its triangles are obtuse."""
         return self.add(f"torus grid ({_size(columns * rows)})", torus(columns=columns, rows=rows))
 
     def sphere(self, subdivisions: int) -> Mesh:
@@ -96,14 +96,14 @@ class Folder:
 
 
 def great_circles(mesh: Mesh, sources: list[int]) -> Array:
-    """Distances on the unit sphere."""
+    """Return distances on the unit sphere."""
     vertices = mesh.surface.vertices
     chords = np.linalg.norm(vertices[sources][:, None] - vertices, axis=2)
     return 2 * np.arcsin(np.minimum(1.0, chords / 2))
 
 
 def straight_lines(mesh: Mesh, sources: list[int]) -> Array:
-    """Distances in a flat convex surface."""
+    """Return distances in a flat convex surface."""
     vertices = mesh.surface.vertices
     return np.linalg.norm(vertices[sources][:, None] - vertices, axis=2)
 

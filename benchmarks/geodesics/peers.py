@@ -1,6 +1,6 @@
-"""Every method of geodesic distances behind one protocol: load, prepare once, then rows of distances.
+"""All methods of geodesic distances with one protocol: load, prepare once, then compute rows of distances.
 
-A library is imported when its method is made, so that a process holds only the one it measures.
+A library is imported when its method is created, so that a process loads only the library it measures.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import numpy as np
 
 Array = np.ndarray
 Rows = Callable[[Any, Sequence[int], int | None], Array]
-"""From what is prepared, sources and a number of threads."""
+"""Takes the prepared state, sources and a number of threads."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to geodesic distances; what it has no call for is done one source after the other."""
+    """A method of geodesic distances; without a call for many sources, it takes them one after the other."""
 
     prepare: Callable[[Any], Any]
-    """From the mesh as `load` returns it to what is computed once for a mesh."""
+    """Takes the mesh that `load` returns, and returns the state that is computed once for a mesh."""
     row: Callable[[Any, int], Array]
-    """From what is prepared and a source to distances to every vertex, (n,)."""
+    """Takes the prepared state and a source, and returns distances to every vertex, (n,)."""
     load: Callable[[Array, Array], Any] = lambda vertices, faces: (vertices, faces)
-    """From vertices and faces to the mesh as `prepare` takes it: not measured."""
+    """Takes vertices and faces, and returns the mesh for `prepare`; its time is not measured."""
     rows_in_one_call: Rows | None = None
     matrix_in_one_call: Rows | None = None
 
@@ -46,7 +46,7 @@ class Method:
 
 
 def unbend(update: str) -> Method:
-    """Return ours, whose stencils are built in the first call and stay with the surface."""
+    """Return unbend's method; its first call builds the stencils and caches them on the surface."""
     library = import_module("unbend")
 
     def rows(surface: Any, sources: Sequence[int], threads: int | None) -> Array:
@@ -81,9 +81,9 @@ def potpourri_heat() -> Method:
 
 
 def igl_heat() -> Method:
-    """Return libigl's heat method with its option of an intrinsic Delaunay triangulation.
+    """Return libigl's heat method with its intrinsic Delaunay triangulation enabled.
 
-    Without it (its default) rows take as long, and mean errors reach 15 % on real meshes.
+    With libigl's default (disabled), rows take as long, and mean errors reach 15 % on real meshes.
     """
     library = import_module("igl")
 
@@ -97,7 +97,7 @@ def igl_heat() -> Method:
 
 
 def igl_exact() -> Method:
-    """Return libigl's exact geodesics: one function that prepares anew in every call."""
+    """Return libigl's exact geodesics, a single function that repeats the preparation in every call."""
     library = import_module("igl")
     none = np.empty(0, np.int64)
     return Method(
@@ -116,7 +116,7 @@ def meshlib_marching() -> Method:
         start = library.VertBitSet(int(source) + 1, False)
         start.set(library.VertId(int(source)))
         scalars = library.computeSurfaceDistances(mesh, start)
-        # Its own ways from VertScalars to NumPy go value by value and take as long as the marching, or longer.
+        # MeshLib's own conversions of VertScalars copy value by value, which takes as long as the marching, or longer.
         pointer = ctypes.cast(scalars.vec.data_pointer(), ctypes.POINTER(ctypes.c_float))
         return np.ctypeslib.as_array(pointer, (scalars.size(),)).astype(np.float64)
 
@@ -141,12 +141,12 @@ def scipy_dijkstra() -> Method:
 
 
 def pygeodesic_exact() -> Method:
-    """Return Kirsanov's exact geodesics (Mitchell, Mount, Papadimitriou): what errors are against."""
+    """Return Kirsanov's exact geodesics (Mitchell, Mount, Papadimitriou), the reference for all errors."""
     library = import_module("pygeodesic.geodesic")
 
     def row(algorithm: Any, source: int) -> Array:
         distances, _ = algorithm.geodesicDistances(np.array([source]))
-        if distances is None:  # it prints its errors instead of raising them
+        if distances is None:  # pygeodesic prints its errors instead of raising them
             raise ValueError("no distances")
         return distances
 

@@ -1,4 +1,4 @@
-"""What the process of one method does: open a mesh, compute rows, and time itself."""
+"""The session of one method in its own process: opens a mesh, computes rows, and times them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmarks.geodesics.peers import Array, Method
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of a row, of a matrix or of preparing."""
+    """The time of a row, of a matrix or of the preparation."""
 
     seconds: float
     cores: float
@@ -26,26 +26,26 @@ class Timing:
 
 @dataclass(frozen=True)
 class Opened:
-    """What preparing a mesh and a first row cost, in a process that has run the method before on a small mesh."""
+    """The costs of preparing a mesh and of a first row, in a process that has run the method on a small mesh before."""
 
     preparation: Timing
     row: Timing
     vertices: int
     mesh_bytes: int
-    """Memory of the mesh as the method takes it."""
+    """Memory of the mesh in the method's own format."""
     peak_bytes: int
-    """Highest memory above that while preparing and computing the row."""
+    """Peak memory of preparing and of the row, beyond the libraries and the mesh."""
 
 
 class Session:
-    """A method and the mesh opened last. Every public function can be called from the other process."""
+    """A method and the mesh opened last. The parent process can call every public function."""
 
     def __init__(self, method: Method, small_mesh: str) -> None:
         self.method = method
         self.mesh: Any = None
         self.state: Any = None
         self.vertices = 0
-        self.open(small_mesh)  # compiles, loads and starts whatever a first run does
+        self.open(small_mesh)  # so that compilation and lazy loading are not timed later
 
     def open(self, path: str) -> Opened:
         """Load a mesh, prepare it and compute one row."""
@@ -58,7 +58,7 @@ class Session:
         return Opened(preparation, row, self.vertices, loaded - before, _memory("VmHWM") - loaded)
 
     def reopen(self, path: str) -> float:
-        """Load the mesh anew and prepare it; return the seconds of the latter."""
+        """Load the mesh again and prepare it; return the seconds of the preparation."""
         self._load(path)
         return self._prepare().seconds
 
@@ -67,15 +67,15 @@ class Session:
         return self.method.rows(self.state, sources, 1)
 
     def time_many(self, sources: Sequence[int], threads: int | None) -> Timing:
-        """Return the time of a row when all are asked for in one call, the quicker of two."""
+        """Return the time of a row when one call computes all rows; of two calls, the quicker counts."""
         calls = [_timed(lambda: self.method.rows(self.state, sources, threads)) for _ in range(2)]
         quickest = min(calls, key=lambda timing: timing.seconds)
         return Timing(quickest.seconds / len(sources), quickest.cores)
 
     def time_alone(self, sources: Sequence[int], budget: float) -> Timing:
-        """Return the median time of a row when each is a call of its own, of as many as `budget` seconds allow.
+        """Return the median time of a row when each row is its own call, over the rows that fit into `budget` seconds.
 
-        The median leaves out rows during which the machine was busy with something else.
+        The median ignores rows during which the machine was busy with something else.
         """
         rows: list[Timing] = []
         stop = time.perf_counter() + budget
@@ -106,7 +106,7 @@ def _timed(function: Callable[[], object]) -> Timing:
 
 
 def _settled_memory() -> int:
-    """Give back what is free, forget the highest memory so far, and return what is in use (Linux only)."""
+    """Return free memory to the system, reset the peak, and return the memory in use (Linux only)."""
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5")
@@ -114,6 +114,6 @@ def _settled_memory() -> int:
 
 
 def _memory(field: str) -> int:
-    # Not ru_maxrss, which a process inherits from the one that started it.
+    # Not ru_maxrss, which a process inherits from its parent.
     lines = Path("/proc/self/status").read_text().splitlines()
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(field))

@@ -1,8 +1,8 @@
 """Error, time and memory on stretched meshes, with and without the intrinsic triangulation.
 
-On good meshes and on stretched ones, beside the heat method of geometry-central, which runs on an intrinsic Delaunay
-triangulation, too. Errors are against exact distances. Writes "stretched" of docs/benchmarks.md; --print only prints.
-A few minutes.
+Compares good and stretched meshes, and the heat method of geometry-central, which also runs on an intrinsic Delaunay
+triangulation. Errors are against exact distances. Takes a few minutes. Writes the section "stretched" of
+docs/benchmarks.md; --print only prints.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from unbend.geodesics.stencils import Stencils, build_stencils
 
 SOURCES = 8
 TIMED = 32
-"""Meshes of fewer vertices are not timed: a row takes microseconds."""
+"""Smaller meshes are not timed, because a row takes only microseconds."""
 TIMED_VERTICES = 2000
 
 SLOPES = (1, 3, 10, 30, 100)
@@ -32,20 +32,20 @@ GIVEN, INTRINSIC, HEAT = "given triangles", "intrinsic triangulation", "potpourr
 
 @dataclass(frozen=True)
 class Measured:
-    """The figures of one mesh: mean and largest relative error by method, and costs of the intrinsic triangulation."""
+    """The numbers of one mesh: mean and largest relative error by method, and costs of the intrinsic triangulation."""
 
     errors: dict[str, tuple[float, float]]
     steiner: float
-    """Steiner points a vertex."""
+    """Steiner points per vertex."""
     row: float
-    """Time of a row over that on the given triangles; not a number where it is not timed."""
+    """Time of a row divided by the time on the given triangles; NaN if the mesh is not timed."""
     preparation: float
     memory: float
-    """Bytes of the stencils over those on the given triangles."""
+    """Bytes of the stencils divided by the bytes on the given triangles."""
 
 
 def groups() -> Iterator[tuple[str, list[Surface]]]:
-    """Yield the meshes of each line of the table."""
+    """Yield the name and the meshes of each line of the table."""
     yield "eleven CAD models", list(cad_models().values())
     for slope in SLOPES:
         yield f"height map of slope {slope}", [height_map(slope)]
@@ -98,7 +98,7 @@ def heat_rows(surface: Surface, sources: np.ndarray) -> np.ndarray | None:
     method = potpourri_heat()
     try:
         return method.rows(method.prepare((surface.vertices, surface.faces)), sources.tolist(), 1)
-    except RuntimeError:  # it refuses what is no manifold
+    except RuntimeError:  # potpourri3d refuses non-manifold meshes
         return None
 
 
@@ -134,7 +134,7 @@ def report(found: dict[str, list[Measured]]) -> str:
         f"fewer than {TIMED_VERTICES:,} vertices are not timed."
     )
     first = table(["meshes", GIVEN, INTRINSIC, HEAT, "worst mesh, intrinsic"], errors)
-    second = table(["meshes", "Steiner points a vertex", "time of a row", "preparation", "bytes of stencils"], costs)
+    second = table(["meshes", "Steiner points per vertex", "time of a row", "preparation", "bytes of stencils"], costs)
     return f"{above}\n\n{first}\n\n{below}\n\n{second}"
 
 

@@ -14,7 +14,7 @@ from benchmarks.geodesics.peers import APPROXIMATE, EXACT, SPHERICAL, Array
 from benchmarks.geodesics.worker import PeerFailedError, Worker
 
 SOURCES = 4
-_LARGEST_EXACT = 20_000  # vertices: exact geodesics take seconds a source beyond
+_LARGEST_EXACT = 20_000  # vertices; on larger meshes exact geodesics take seconds for each source
 
 
 def coarse_table(folder: Folder) -> str:
@@ -98,8 +98,8 @@ def _errors_on(
 
 
 def scaling_table(meshes: Iterable[Mesh], small: Mesh) -> str:
-    header = ["mesh", "preparation", "one source a call", "8 in a call", "8 in a call, all threads"]
-    header += ["peak bytes", "with the surface"]
+    header = ["mesh", "preparation", "one source per call", "8 sources per call", "8 sources per call, all threads"]
+    header += ["peak bytes", "peak bytes with the surface"]
     return (
         f"**Scaling** of {SPHERICAL}, all a vertex: nanoseconds of preparation (stencils) and of a source, in one"
         " thread unless it says otherwise, and peak memory of a first `geodesic_distances` with one source, which"

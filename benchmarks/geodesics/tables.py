@@ -1,4 +1,4 @@
-"""Tables of what was measured on single meshes: error, time, preparation, matrix and memory."""
+"""Tables of the measurements on single meshes: error, time, preparation, matrix and memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def error_table(results: Results) -> str:
 
 
 def time_table(results: Results) -> str:
-    header = ["mesh", PLANAR, SPHERICAL, "spherical, one a call", "spherical, all threads", *PEERS]
+    header = ["mesh", PLANAR, SPHERICAL, "spherical, one per call", "spherical, all threads", *PEERS]
     return (
         f"**Time a source** (ms) after preparation, in one thread unless it says otherwise. Ours: {TIMED_SOURCES}"
         f" sources in one call, or one a call; peers take one a call. In brackets: times the time of {SPHERICAL}"
@@ -44,7 +44,7 @@ def _time_row(mesh: str, of: dict[str, Result]) -> list[str]:
 
 
 def cost_table(results: Results) -> str:
-    kinds = ("preparation, ms", "matrix, s", "bytes a vertex")
+    kinds = ("preparation, ms", "matrix, s", "bytes per vertex")
     header = ["method", *(f"{mesh.split(' (')[0]}: {kind}" for mesh in results for kind in kinds)]
     rows = []
     for name in METHODS:
@@ -69,15 +69,15 @@ def _cost_cells(name: str, result: Result) -> tuple[str, str, str]:
 
 
 def _threaded_peers(results: Results) -> str:
-    told = []
+    threaded = []
     for name in PEERS:
         opened = [of[name].opened for of in results.values()]
         known = [one for one in opened if isinstance(one, Opened)]
         for doing in ("preparation", "row"):
             cores = max((getattr(one, doing).cores for one in known), default=0.0)
             if cores > _THREADED:
-                told.append(f"{name}, {doing} ({cores:.1f})")
-    return "; ".join(told) or "none"
+                threaded.append(f"{name}, {doing} ({cores:.1f})")
+    return "; ".join(threaded) or "none"
 
 
 def milliseconds(time: Timing | float | str) -> str:

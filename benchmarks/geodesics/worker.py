@@ -1,6 +1,6 @@
-"""One method in a process of its own, so that a crash or a hang ends nothing else and its memory can be told.
+"""Runs one method in its own process, so that a crash or hang affects no other, and its memory can be measured.
 
-Run as a script this is the child: it makes the method named in its arguments and answers calls over a pipe.
+Run as a script, this module is the child: it creates the method named in its arguments and answers calls over a pipe.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ _START_SECONDS = 120.0  # the first start after a change compiles kernels
 
 
 class PeerFailedError(Exception):
-    """A method crashed, hung or raised; the message is short enough for a table's cell."""
+    """A method crashed, hung or raised an exception; the message is short enough for a table cell."""
 
 
 class Worker:
-    """The parent's end: starts a process that imports the method and runs it on a small mesh."""
+    """The parent's side: starts a process that imports the method and runs it on a small mesh."""
 
     def __init__(self, name: str, small_mesh: Path) -> None:
         self._arguments = [sys.executable, "-m", "benchmarks.geodesics.worker", name, str(small_mesh)]
@@ -38,7 +38,7 @@ class Worker:
             [*self._arguments, str(there.fileno())],
             pass_fds=[there.fileno()],
             cwd=ROOT,
-            stdout=subprocess.DEVNULL,  # some peers print what they do
+            stdout=subprocess.DEVNULL,  # some libraries print their progress
             stderr=subprocess.DEVNULL,
         )
         there.close()
@@ -54,7 +54,7 @@ class Worker:
         self._process.wait()
 
     def wait_until_ready(self) -> None:
-        """Return once the method is imported and has run, or raise PeerFailedError."""
+        """Wait until the method is imported and has run once, or raise PeerFailedError."""
         if self._dead:
             raise PeerFailedError(self._dead)
         if self._ready:
@@ -66,7 +66,7 @@ class Worker:
             self._give_up(str(failure))
 
     def call(self, command: str, *arguments: object, limit: float = 120.0) -> Any:
-        """Return what the method `command` of the session returns, or raise PeerFailedError.
+        """Call the function `command` of the session and return its result, or raise PeerFailedError.
 
         After a crash, or more than `limit` seconds without an answer, every further call raises, until "open"
         starts a new process.
@@ -119,7 +119,7 @@ def _answer(
 ) -> Any:
     try:
         value = work()
-    except Exception as error:  # noqa: BLE001 - whatever a peer raises is its result
+    except Exception as error:  # noqa: BLE001 - any exception of a library is its result
         connection.send((False, f"{type(error).__name__}: {error}".splitlines()[0][:60]))
         return None
     connection.send((True, reply(value)))

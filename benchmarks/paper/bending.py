@@ -1,4 +1,4 @@
-"""Figs. 1, 2 and 4: surfaces laid into the plane, two postures of a hand, and the three methods side by side."""
+"""Figs. 1, 2 and 4: flattened surfaces, two postures of a hand, and the three methods side by side."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def figure_1() -> str:
         rows.append([name, len(surface.vertices), stress, stretch, f"{100 * flat.flipped:.1f} %"])
     head_columns(grid, ("surface", "flattened, m = 2", "texture in the plane", "texture on the surface"))
     save(page, "paper-fig1")
-    return table(["surface", "vertices", "stress at m = 2", "lengths change by, mean", "area turned over"], rows)
+    return table(["surface", "vertices", "stress at m = 2", "mean change of lengths", "flipped area"], rows)
 
 
 def _texture(axes: Array, surface: Surface, flat: Flattening, turn: Array) -> None:
@@ -70,7 +70,7 @@ def _texture(axes: Array, surface: Surface, flat: Flattening, turn: Array) -> No
 
 
 def _upright(places: Array, seen: Array) -> Array:
-    """Turn the plane by right angles until it lies most like the surface that is looked at."""
+    """Rotate the plane by the multiple of 90 degrees that best matches the drawn surface."""
     onto = (seen - seen.mean(axis=0))[:, :2]
     centred = places - places.mean(axis=0)
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -88,11 +88,11 @@ def _checkered(places: Array) -> Array:
 
 @dataclass(frozen=True)
 class Posture:
-    """A hand, and its signature turned to be looked at from the same side."""
+    """A hand, and its signature rotated so that both are seen from the same side."""
 
     surface: Surface
-    form: Surface  # of the same vertices
-    tips: Array  # vertices, from the lowest: the arm's end, the thumb, the little finger, and the others
+    form: Surface  # with the same vertices
+    tips: Array  # vertices, lowest first: the end of the arm, the thumb, the little finger, the other fingers
 
 
 def figure_2() -> str:
@@ -145,7 +145,7 @@ def _postures() -> list[Posture]:
 
 
 def _matching(between: Array, surface: Surface) -> Array:
-    """Return the tips of a surface, in the order in which their distances are nearest to those given."""
+    """Return the tips of a surface, in the order whose distances match `between` best."""
     tips = farthest_point_sampling(surface, TIPS)
     theirs = geodesic_matrix(surface, tips)
     orders = (list(order) for order in permutations(range(TIPS)))

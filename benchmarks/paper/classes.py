@@ -1,4 +1,4 @@
-"""Figs. 6 to 8: classes of bent shapes, their signatures, and how far moments keep them apart."""
+"""Figs. 6 to 8: classes of bent shapes, their signatures, and how well moments separate them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ REAL = ("dinosaur", "dino_ske", "man", "hand", "dog1", "camel", "laptop", "rabbi
 
 @dataclass(frozen=True)
 class Class:
-    """Bendings of one shape, and the side from which they are looked at."""
+    """Bendings of one shape, and the direction from which they are drawn."""
 
     label: str
     surfaces: list[Surface]
@@ -85,7 +85,7 @@ def figures_6_and_7() -> None:
 
 
 def _forms(of: Class, signatures: list[Signature]) -> list[Surface]:
-    """Return the signatures of the poses shown, all turned like the first, and that like its surface."""
+    """Return the signatures of the drawn poses; the first is aligned with its surface, the others with the first."""
     forms: list[Surface] = []
     for pose in SHOWN:
         surface = of.surfaces[pose]
@@ -96,7 +96,7 @@ def _forms(of: Class, signatures: list[Signature]) -> list[Surface]:
 
 
 def _nearest_turn(points: Array, others: Array) -> Array:
-    """Return what turns a signature nearest to another: their axes agree but for order and sign."""
+    """Return the rotation or reflection of a signature nearest to another, up to order and sign of the axes."""
     others = others - others.mean(axis=0)
     axes = np.linalg.svd(others, full_matrices=False)[2]
     centred, tree = points - points.mean(axis=0), cKDTree(others)
@@ -119,7 +119,7 @@ def figure_8() -> str:
             title = f"{name} ({len(labels)} in {len(set(labels))})"
             rows.append([title, what, f"{100 * found.nearest:.0f} %", f"{found.ratio:.1f}"])
     save(page, "paper-fig8", dpi=75)
-    return table(["shapes", "moments of", "nearest neighbour right", "between / within"], rows)
+    return table(["shapes", "moments of", "correct nearest neighbours", "between / within"], rows)
 
 
 def _generated_vectors() -> tuple[list[str], Array, Array]:
@@ -142,7 +142,7 @@ def _signature(surface: Surface) -> Signature:
 
 
 def _draw_map(axes: plt.Axes, title: str, labels: list[str], vectors: Array) -> None:
-    """Draw a point a shape: the MDS of D_M (section 2.3), whose squared distances are those of the vectors."""
+    """Draw one point for each shape, by MDS of the squared distances D_M between the vectors (section 2.3)."""
     places = embed(cdist(vectors, vectors), 2).points
     for number, label in enumerate(dict.fromkeys(labels)):
         own = places[[label == other for other in labels]]

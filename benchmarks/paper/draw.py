@@ -1,4 +1,4 @@
-"""Surfaces drawn pixel by pixel: shaded, coloured, and with lines on them that hide behind what is in front."""
+"""Draws shaded, coloured surfaces pixel by pixel, and lines on them where the surface does not hide the lines."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ PICTURES = ROOT / "docs" / "pictures"
 
 Array = np.ndarray
 Colours = Array | Callable[[Array], Array]
-"""One (3,); one a vertex, (n, 3); or a function from values at pixels (p, k) to colours (p, 3)."""
+"""One colour (3,), one for each vertex (n, 3), or a function from values at pixels (p, k) to colours (p, 3)."""
 
 LIGHT = np.array([-0.35, 0.5, 0.8]) / np.linalg.norm([-0.35, 0.5, 0.8])
 HALFWAY = (LIGHT + np.eye(3)[2]) / np.linalg.norm(LIGHT + np.eye(3)[2])  # between the light and the eye
 AMBIENT = 0.38
-FINER = 2  # pixels of the buffer along a side of a pixel of the picture
+FINER = 2  # buffer pixels per picture pixel along each side
 MARGIN = 0.03
-STEP = 0.004  # of the picture's side: a line's pieces are at most that long
-NEAR = 0.012  # of the picture's side: a line is still on the surface that far behind it
+STEP = 0.004  # longest piece of a line, as a share of the picture's side
+NEAR = 0.012  # a line this far behind the surface is still drawn, as a share of the picture's side
 
 STONE = np.array([0.80, 0.78, 0.74])
 
 
 @dataclass(frozen=True)
 class Shot:
-    """What a surface looks like from one side: its frame, and the depth at every pixel."""
+    """A view of a surface: its frame, and the depth at every pixel."""
 
     turn: Array  # (3, 3): the rows are right, up and towards the eye
     low: Array  # (2,), the lower left corner
     unit: float  # the width of a pixel
-    depth: Array  # (height, width), -inf where nothing is
+    depth: Array  # (height, width), -inf where the surface is absent
 
     @property
     def side(self) -> float:
@@ -54,7 +54,7 @@ class Shot:
 
 
 def turn_of(azimuth: float, elevation: float) -> Array:
-    """Return the axes of the eye, which looks at the origin from there, in degrees; z is up."""
+    """Return the axes of an eye that looks at the origin from this direction, in degrees; z is up."""
     a, e = np.radians([azimuth, elevation])
     eye = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -120,7 +120,7 @@ def head_rows(grid: Array, titles: Iterable[str]) -> None:
 
 
 def save(page: Any, name: str, dpi: int = 80) -> None:
-    """Write a picture with 86 shades a channel, which nobody sees and which makes a smaller file."""
+    """Write a picture with 86 shades per channel: the loss is invisible, and the file is smaller."""
     PICTURES.mkdir(exist_ok=True)
     buffer = BytesIO()
     page.savefig(buffer, dpi=dpi)
@@ -130,13 +130,13 @@ def save(page: Any, name: str, dpi: int = 80) -> None:
 
 
 def scale_of(values: Array, name: str = "viridis") -> Callable[[Array], Array]:
-    """Return the function from values at pixels to colours, from the lowest to the highest of `values`."""
+    """Return a function from values at pixels to colours; the scale spans the range of `values`."""
     low, high, scale = values.min(), values.max(), plt.get_cmap(name)
     return lambda pixels: scale((pixels[:, 0] - low) / (high - low))[:, :3]
 
 
 def procrustes(points: Array, onto: Array) -> Array:
-    """Return the rotation or reflection (3, 3), as `points @ it`, that takes centred points nearest to others."""
+    """Return the rotation or reflection R (3, 3) for which the centred `points @ R` are nearest to `onto`."""
     left, _, right = np.linalg.svd((points - points.mean(axis=0)).T @ (onto - onto.mean(axis=0)))
     return left @ right
 
@@ -173,7 +173,7 @@ def _averaged(image: Array) -> Array:
 
 
 def _visible(shot: Shot, line: Array) -> list[Array]:
-    """Return the stretches of a line (q, 2) that are not behind the surface."""
+    """Return the parts of a line (q, 2) that the surface does not hide."""
     seen = line @ shot.turn.T
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(seen, axis=0), axis=1)))
     at = np.linspace(0, along[-1], 2 + int(along[-1] / (STEP * shot.side)))

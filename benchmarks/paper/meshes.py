@@ -18,13 +18,13 @@ STAND_INS = {"Torus": "torus.obj", "Human": "human_man.obj", "Rabbit": "bunny.ob
 
 
 def single(name: str) -> Surface:
-    """Return one of the single models, turned so that z is up."""
+    """Return one of the single models, rotated so that z is up."""
     surface = read_mesh(DATA / "single" / name)
     return Surface(surface.vertices[:, [2, 0, 1]], surface.faces)
 
 
 def camel_face() -> Surface:
-    """Return the face of the camel's head: what is near, along the surface, to a point between its eyes."""
+    """Return the face of the camel's head: the part within a geodesic distance of a point between its eyes."""
     head = single("camelhead.off")
     low, high = head.vertices.min(axis=0), head.vertices.max(axis=0)
     muzzle = head.vertices[head.vertices[:, 0].argmax()]
@@ -43,7 +43,7 @@ def hands() -> tuple[Surface, Surface]:
 
 
 def _cut(surface: Surface, field: Array, level: float) -> Surface:
-    """Return what is below a level; corners beyond it are pulled back to it along their edges."""
+    """Return the part where `field` is below `level`; vertices beyond it move back to it along their edges."""
     faces = surface.faces[(field[surface.faces] < level).any(axis=1)]
     points = surface.vertices.copy()
     for start, end in faces[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2):
@@ -55,7 +55,7 @@ def _cut(surface: Surface, field: Array, level: float) -> Surface:
 
 
 def listed(dataset: str, label: str) -> list[Path]:
-    """Return the files of a class of the real data."""
+    """Return the files of one class of a data set."""
     with (DATA / "labels.csv").open(newline="") as file:
         return [
             DATA / row["path"] for row in csv.DictReader(file) if (row["dataset"], row["class"]) == (dataset, label)

@@ -1,6 +1,6 @@
-"""The paper's tables and figures on other meshes, because its own were never published.
+"""The paper's tables and figures on other meshes, because the paper's meshes were never published.
 
-Writes docs/paper.md and its pictures. A minute or two.
+Writes docs/paper.md and its pictures. Takes a minute or two.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fig. 5: how far two classes are apart, over the number of dimensions, for least squares and classical scaling."""
+"""Fig. 5: the separation of two classes over the number of dimensions, for least squares and classical scaling."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def figure_5() -> str:
     grid[0].set_ylabel("log ratio")
     grid[0].legend(frameon=False)
     save(page, "paper-fig5")
-    return _told(ratios)
+    return _table(ratios)
 
 
-def _told(ratios: dict[str, Array]) -> str:
+def _table(ratios: dict[str, Array]) -> str:
     wins = (ratios["least_squares"] > ratios["classical"]).sum(axis=1)
     medians = {title: np.median(ratios[method], axis=1) for method, (title, *_) in LINES.items()}
     rows = [[title, *(f"{value:.2f}" for value in values)] for title, values in medians.items()]
@@ -48,7 +48,7 @@ def _told(ratios: dict[str, Array]) -> str:
 
 
 def _matrices(name: str) -> list[Array]:
-    """Return the distances on members of a class, each for area 1."""
+    """Return the distance matrices of the members of a class, each scaled to area 1."""
     paths = listed("tosca5k", name)[:MOST]
     return [matrix_of(path, SAMPLES) / np.sqrt(read_mesh(path).area) for path in paths]
 
@@ -63,7 +63,7 @@ def _ratios(matrices: dict[str, list[Array]], method: str) -> Array:
 
 
 def _moments(points: Array) -> Array:
-    """Return second and absolute third moments along each principal axis: up to 12 numbers, of the paper's 15."""
+    """Return second and absolute third moments along each principal axis: at most 12 numbers (the paper: below 15)."""
     centred = points - points.mean(axis=0)
     posed = centred @ np.linalg.svd(centred, full_matrices=False)[2].T
     return np.concatenate([(posed**2).mean(axis=0), np.abs((posed**3).mean(axis=0))])

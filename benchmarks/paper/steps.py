@@ -1,4 +1,4 @@
-"""What the paper does or chooses, sentence by sentence, and where unbend has it; `tests/test_docs.py` checks names."""
+"""The paper's steps and choices, and their names in unbend; `tests/test_docs.py` checks that the names exist."""
 
 from __future__ import annotations
 

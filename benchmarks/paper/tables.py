@@ -1,4 +1,4 @@
-"""Tables 1 and 2: stress over the number of dimensions, beside the paper's, and what its odd figures may come from."""
+"""Tables 1 and 2: stress over the number of dimensions, compared with the paper, and causes of the paper's outliers."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def table_2() -> str:
 
 
 def agreement() -> str:
-    """Return, in sentences, how our figures and the paper's compare."""
+    """Return sentences that compare our numbers with the paper's."""
     cases = list(product(STAND_INS, METHODS))
     ours = np.array([_stresses(name, method) for name, method in cases])
     papers = np.array([TABLE_2[name][method] for name, method in cases])
@@ -94,7 +94,7 @@ def agreement() -> str:
 
 
 def sizes() -> str:
-    """Return the stress of least squares at m = 3 over the number of samples: those of a run are the first of more."""
+    """Return the stress of least squares at m = 3 over the number of samples; smaller sets start larger ones."""
     rows = []
     for name in STAND_INS:
         distances = matrix_of(DATA / "single" / STAND_INS[name], max(COUNTS))
@@ -103,7 +103,7 @@ def sizes() -> str:
 
 
 def tori() -> str:
-    """Return the stress of least squares on tori of all kinds."""
+    """Return the stress of least squares on tori with tubes of different radius."""
     rows = []
     for tube in TUBES:
         surface = torus(1.0, tube)
@@ -113,7 +113,7 @@ def tori() -> str:
 
 
 def random_starts() -> str:
-    """Return what least squares finds at m = 1 from random points, with the plain iteration the paper describes."""
+    """Return the stress at m = 1 that the paper's plain iteration reaches from random starts."""
     rows = []
     for name in STAND_INS:
         distances = _distances(name)
@@ -125,7 +125,7 @@ def random_starts() -> str:
 
 
 def collapsed() -> str:
-    """Return how many points would give the paper's figures at m = 1 if the squares were summed over all points."""
+    """Return how many points would give the paper's numbers at m = 1 if the squares were summed over all points."""
     rows = []
     for name in STAND_INS:
         counts = [f"{_count_for(name, method):.0f}" for method in ("classical", "fast")]
@@ -175,7 +175,7 @@ def _pairs(name: str, points: Array) -> tuple[Array, Array]:
 
 
 def _from_random(distances: Array, seed: int) -> float:
-    """Return the stress after SMACOF (eq. 9) on a line, where a step depends on nothing but the points' order."""
+    """Return the stress after SMACOF (eq. 9) on a line, where a step depends only on the order of the points."""
     points = np.random.default_rng(seed).uniform(size=len(distances))
     for _ in range(ITERATIONS):
         points = (distances * np.sign(points[:, None] - points)).mean(axis=1)
@@ -184,7 +184,7 @@ def _from_random(distances: Array, seed: int) -> float:
 
 
 def _count_for(name: str, method: str) -> float:
-    """Return the n at which d_ij² = 2 sum x² - 2 x_i x_j gives the paper's stress, the spread of x being ours."""
+    """Return the n at which d_ij² = 2 sum x² - 2 x_i x_j gives the paper's stress, for x with our variance."""
     line = embed(_distances(name), 1, method=method).points[:, 0]
     upper = np.triu_indices(len(line), 1)
     given, products = _distances(name)[upper], (line[:, None] * line)[upper]

@@ -1,7 +1,8 @@
-"""The choice of the kernels of `spectrum` and the weights of `combined`, on half of the classes.
+"""Chooses the kernels of `spectrum`, the weights of `combined` and the moments of `moments`, on half of the classes.
 
-Every other class, in alphabetical order, of each of the three data sets is the half that chooses, by the mean over
-data sets of the mean average precision; galleries are always whole. Writes "retrieval-choice" of docs/benchmarks.md.
+Every second class of each data set, in alphabetical order, is in the half that chooses. The criterion is the mean over
+data sets of the mean average precision. Galleries always contain all shapes. Writes the section "retrieval-choice" of
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ Choice = tuple[tuple[str, int], ...]
 
 
 def candidates() -> list[Choice]:
-    """Return kernels for the whole surface, with one diffusion or none, with one Gaussian or none."""
+    """Return all combinations of kernels of the whole surface, at most one diffusion and at most one Gaussian."""
     near = {
         name: [(), *(((f"{name} {width}", count),) for width, count in product(widths, COUNTS))]
         for name, widths in WIDTHS.items()
@@ -78,7 +79,7 @@ def candidates() -> list[Choice]:
 
 
 def describe(path: Path) -> dict[str, Array]:
-    """Return the logarithms of a mesh's eigenvalues under every kernel, and its other descriptors."""
+    """Return the geodesic spectrum of a mesh under every kernel, and its other descriptors."""
     surface = read_mesh(path)
     signature = compute_signature(surface, Parameters(), threads=1)
     distances = unit_distances(surface, signature)
@@ -92,7 +93,7 @@ def describe(path: Path) -> dict[str, Array]:
 
 
 class DataSet:
-    """Distances between all shapes of a data set, under a kernel or another descriptor."""
+    """The distances between all shapes of a data set, by a kernel or another descriptor."""
 
     def __init__(self, name: str) -> None:
         paths, labels = listed(name)
@@ -101,7 +102,7 @@ class DataSet:
 
     @cache  # noqa: B019
     def moments(self, blur: float, dropped: tuple[int, int]) -> Array:
-        """Return distances between moments without two of the third ones."""
+        """Return distances between vectors of moments without the two `dropped` third moments."""
         vectors = np.stack([of[f"moments {blur}"] for of in self._described])
         kept = np.delete(vectors, 6 + np.array(dropped), axis=1).astype(np.float32)
         return get_vector_measure("moments").matrix(kept)
@@ -127,7 +128,7 @@ def combined(of: DataSet, weights: tuple[float, float]) -> Array:
 
 
 class Study:
-    """Candidates, and every query's metrics under each of them."""
+    """The candidates, and the metrics of every query under each candidate."""
 
     def __init__(self, data: list[DataSet], names: list[Any], distances: Any) -> None:
         self._data, self._names = data, names
@@ -137,7 +138,7 @@ class Study:
         score = sum(metrics[:, rows, 3].mean(axis=1) for metrics, rows in zip(self._metrics, chosen_on, strict=True))
         return self._names[int(np.argmax(score))]
 
-    def told(self, name: Any, rows: list[Array]) -> Array:
+    def metrics_of(self, name: Any, rows: list[Array]) -> Array:
         place = self._names.index(name)
         found = [metrics[place][of].mean(axis=0) for metrics, of in zip(self._metrics, rows, strict=True)]
         return np.concatenate(found)
@@ -149,19 +150,19 @@ class Study:
         lines = []
         for which, name in enumerate(("first", "second")):
             best = self.best(self.halved(which))
-            told = _shown(self.told(best, self.halved(1 - which)))
-            lines.append([f"chosen on the {name} half", _called(best), "the other half", *told])
+            cells = _shown(self.metrics_of(best, self.halved(1 - which)))
+            lines.append([f"chosen on the {name} half", _called(best), "the other half", *cells])
         return lines
 
     def over_splits(self) -> Array:
-        """Return the mean over random halves of what the half that did not choose has."""
+        """Return the metrics of the half that did not choose, as a mean over random halvings."""
         rng, found = np.random.default_rng(0), []
         for _ in range(SPLITS):
             halves = []
             for of in self._data:
                 classes = rng.permutation(np.unique(of.labels))
                 halves.append(np.isin(of.labels, classes[: len(classes) // 2]))
-            found.append(self.told(self.best(halves), [~rows for rows in halves]))
+            found.append(self.metrics_of(self.best(halves), [~rows for rows in halves]))
         return np.mean(found, axis=0)
 
 
@@ -187,23 +188,28 @@ def main() -> None:
     header = [
         "",
         "chosen",
-        "told on",
+        "evaluated on",
         *(f"{name} {figure}" for name in DATASETS for figure in ("NN", "FT", "ST", "mAP")),
     ]
     rows = [
         *kernels.rows(),
-        [f"mean of {SPLITS} random halvings", "each its own", "the other half", *_shown(kernels.over_splits())],
-        ["`spectrum` as it is", _called(USED), "all classes", *_shown(kernels.told(USED, everything))],
-        ["as it was before", _called(FORMER), "all classes", *_shown(kernels.told(FORMER, everything))],
+        [f"mean of {SPLITS} random halvings", "varies", "the other half", *_shown(kernels.over_splits())],
+        ["current `spectrum`", _called(USED), "all classes", *_shown(kernels.metrics_of(USED, everything))],
+        ["previous `spectrum`", _called(FORMER), "all classes", *_shown(kernels.metrics_of(FORMER, everything))],
     ]
     more = [
         *weights.rows(),
-        ["`combined` as it is", _called(used), "all classes", *_shown(weights.told(used, everything))],
+        ["current `combined`", _called(used), "all classes", *_shown(weights.metrics_of(used, everything))],
     ]
     last = [
         *third.rows(),
-        [f"mean of {SPLITS} random halvings", "each its own", "the other half", *_shown(third.over_splits())],
-        ["`moments` as it is", _called(USED_MOMENTS), "all classes", *_shown(third.told(USED_MOMENTS, everything))],
+        [f"mean of {SPLITS} random halvings", "varies", "the other half", *_shown(third.over_splits())],
+        [
+            "current `moments`",
+            _called(USED_MOMENTS),
+            "all classes",
+            *_shown(third.metrics_of(USED_MOMENTS, everything)),
+        ],
     ]
     text = f"{len(candidates())} combinations of kernels for `spectrum`:\n\n{table(header, rows)}\n\n"
     text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights beside it for `combined`:\n\n{table(header, more)}"

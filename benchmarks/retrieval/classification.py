@@ -1,7 +1,8 @@
 """Accuracy of classifiers, calibration of confidences, and detection of unknown classes.
 
-Prints the constants that service/unbend/matching/classification/calibration.py should hold; if it holds others, put
-these there and run again. A few minutes.
+Prints the constants for service/unbend/matching/classification/calibration.py. If that file has other constants, copy
+the printed ones into it and run the benchmark again. Takes a few minutes. Writes the section "classification" of
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from benchmarks.retrieval.classification_constants import (
     constants,
     log_loss,
     rates,
+    rule_values,
     sizes_for,
     summed,
-    told,
 )
 from benchmarks.retrieval.classification_data import ALL, CHOOSING, REPORTING, Shapes, load, split, trials
 from benchmarks.retrieval.data import half
@@ -39,20 +40,21 @@ from unbend.matching.measures import DEFAULT_MEASURE, VECTOR_MEASURES
 DATASETS: Final = {"shrec11_simplified": "SHREC'11", "tosca5k": "TOSCA", "shrec07": "SHREC'07"}
 SPLITS: Final = 20
 TRAINED: Final = 10
-"""Shapes a class that are stored; the other six are asked."""
+"""Stored shapes per class; the other shapes of the class are queries."""
 BINS: Final = (0.0, 0.5, 0.7, 0.9, 0.99, 0.999, 1.0)
 
 Sets = tuple[Shapes, ...]
 Answers = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Confidences of the best classes, whether these are right, and confidences of the right ones."""
+"""Per query: confidence of the best class, whether the best class is correct, and confidence of the correct class."""
 
 
 def main() -> None:
     sets = tuple(load(*named) for named in DATASETS.items())
     protocol = (
-        "Half of the classes of each data set (every other one, by name) chose, the queries of the other half report;"
-        " libraries hold all classes. In libraries of so many shapes a class these are drawn at random and the others"
-        " asked; all: every shape is asked of all others. The classes of SHREC'07 hold different objects."
+        "Half of the classes of each data set (every second class by name) chose the constants; the numbers are for"
+        " queries of the other half. Libraries contain all classes. A library with a given number of shapes per class"
+        " has these drawn at random, and the other shapes are queries; with all shapes, every shape is a query against"
+        " all others. The classes of SHREC'07 contain different objects."
     )
     parts = [
         protocol,
@@ -65,12 +67,12 @@ def main() -> None:
         *classification_cost.tables(sets[0].vectors[DEFAULT_MEASURE].shape[1]),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "classification", "\n\n".join(parts))
-    found, held = constants(sets), _held()
+    found, stored = constants(sets), _stored_constants()
     print(f"\nConstants chosen in this run:\n{found}")
-    print("These are in calibration.py." if found == held else f"calibration.py has others:\n{held}")
+    print("These are in calibration.py." if found == stored else f"calibration.py has others:\n{stored}")
 
 
-def _held() -> str:
+def _stored_constants() -> str:
     lines = []
     for measure in VECTOR_MEASURES:
         calibration = CALIBRATIONS[measure]
@@ -149,7 +151,17 @@ def _calibrations(sets: Sets) -> tuple[str, str]:
         " (ten bins of equal width) beside what a perfectly calibrated confidence would show by chance on as many"
         " queries, and log loss."
     )
-    header = ["measure", "classifier", "data", "a class", "right", "confidence", "error", "by chance", "log loss"]
+    header = [
+        "measure",
+        "classifier",
+        "data",
+        "shapes per class",
+        "share correct",
+        "confidence",
+        "calibration error",
+        "error by chance",
+        "log loss",
+    ]
     return text, table(header, rows)
 
 
@@ -215,7 +227,7 @@ def _columns(sets: Sets) -> list[str]:
 
 
 def _refused(sets: Sets, measure: str, rule: str, constant: float) -> list[str]:
-    asked = [told(shapes, measure, rule, size, REPORTING) for shapes in sets for size in OPEN_SIZES]
+    asked = [rule_values(shapes, measure, rule, size, REPORTING) for shapes in sets for size in OPEN_SIZES]
     return [
         " / ".join(f"{100 * rate:.1f}" for rate in rates(some, constant)) if all(map(len, some)) else "-"
         for some in asked

@@ -1,4 +1,4 @@
-"""How the constants of service/unbend/matching/classification/calibration.py are chosen, and from what."""
+"""Chooses the constants of service/unbend/matching/classification/calibration.py from the data."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from unbend.matching.classification.classifier import Classifier, Query
 from unbend.matching.measures import VECTOR_MEASURES
 
 SIZES: Final = (1, 2, 4, 8, ALL)
-"""Shapes a class of the libraries, which count alike."""
+"""Shapes per class of the libraries; every size has the same weight."""
 
 MIN_MEMBERS: Final = {"discriminants": discriminants.MIN_MEMBERS}
-"""Shapes a class that a classifier needs, if that is more than one."""
+"""Shapes per class that a classifier needs, if more than one."""
 
 Array = np.ndarray
 Judged = tuple[Array, Array]
-"""How far each query is from the classes, (queries, classes), and the place of its own, (queries,)."""
+"""Dissimilarities of each query and class, (queries, classes), and the index of the correct class, (queries,)."""
 
 
 def softmax(dissimilarities: Array, scale: float) -> Array:
@@ -42,7 +42,7 @@ FORMS: Final[Mapping[str, Callable[[Array, float], Array]]] = {
     "softmax": softmax,
     "softmax of ratios": softmax_of_ratios,
 }
-"""From how far classes are to their probabilities, with one constant."""
+"""Functions from dissimilarities and one constant to probabilities."""
 
 
 def judge(classifier: Classifier, asked: Sequence[Trial]) -> Judged:
@@ -56,7 +56,7 @@ def sizes_for(classifier: Classifier, sizes: Sequence[int | None] = SIZES) -> li
 
 @cache
 def choosing(sets: tuple[Shapes, ...], measure: str, classifier: str) -> list[Judged]:
-    """Return what the choosing halves' queries are told, for each data set and size of library."""
+    """Return the dissimilarities for the queries of the choosing halves, for each data set and size of library."""
     chosen = CLASSIFIERS[classifier]
     asked = (trials(shapes, measure, size, CHOOSING) for shapes in sets for size in sizes_for(chosen))
     return [judge(chosen, some) for some in asked if some]
@@ -68,21 +68,21 @@ def log_loss(shares: Array) -> float:
 
 @cache
 def choose_constant(sets: tuple[Shapes, ...], measure: str, classifier: str, form: str) -> tuple[float, float]:
-    """Return the constant of the least log loss, a mean over data sets and sizes, and that loss."""
+    """Return the constant of the least log loss, and that loss, as a mean over data sets and sizes."""
 
     def loss(logarithm: float) -> float:
         constant = float(np.exp(logarithm))
-        told = (
+        judged = (
             (FORMS[form](dissimilarities, constant), own)
             for dissimilarities, own in choosing(sets, measure, classifier)
         )
-        return float(np.mean([log_loss(shares[np.arange(len(own)), own]) for shares, own in told]))
+        return float(np.mean([log_loss(shares[np.arange(len(own)), own]) for shares, own in judged]))
 
     found = minimize_scalar(loss, bounds=np.log([1e-3, 1e4]), method="bounded", options={"xatol": 1e-3})
     return float(np.exp(found.x)), float(found.fun)
 
 
-# Rules of "known": how many times the distances of members to their nearest others a query is from a class.
+# Rules of "known": a query's distance to a class, divided by the members' distances to their nearest other members.
 
 
 def _best(query: Query) -> int:
@@ -95,8 +95,8 @@ def _of_best(statistic: Callable[[Array], float], query: Query) -> float:
 
 
 def _of_any(statistic: Callable[[Array], float], query: Query) -> float:
-    told = [spacing(query, int(code)) for code in np.flatnonzero(query.nearest < np.inf)]
-    return min(near / statistic(own) for near, own in told if len(own))
+    spacings = [spacing(query, int(code)) for code in np.flatnonzero(query.nearest < np.inf)]
+    return min(near / statistic(own) for near, own in spacings if len(own))
 
 
 def _pooled(statistic: Callable[[Array], float], query: Query) -> float:
@@ -117,13 +117,13 @@ CHOSEN_RULE: Final = "mean, best class"
 LITERAL: Final = ("largest, best class", "largest, any class")
 OPEN_SIZES: Final = (2, 4, 8, ALL)
 
-Told = tuple[Array, Array]
-"""What a rule tells of queries whose class is there, and of those whose class is not."""
+RuleValues = tuple[Array, Array]
+"""Values of a rule for queries whose class is in the library, and for queries whose class is not."""
 
 
 @cache
-def told(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) -> Told:
-    """Leaves out queries whose best class has a single member: nothing is said of them."""
+def rule_values(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) -> RuleValues:
+    """Return the values of a rule, except for queries whose best class has a single member (no rule applies)."""
     known, unknown = (
         np.array(
             [
@@ -137,20 +137,20 @@ def told(shapes: Shapes, measure: str, rule: str, size: int | None, which: int) 
     return known, unknown
 
 
-def rates(some: Told, constant: float) -> tuple[float, float]:
+def rates(some: RuleValues, constant: float) -> tuple[float, float]:
     """Return the shares of false rejects and of false accepts."""
     return float((some[0] > constant).mean()), float((some[1] <= constant).mean())
 
 
 def summed(sets: tuple[Shapes, ...], measure: str, rule: str, constant: float) -> float:
     """Return the sum of both rates on the choosing halves, a mean over data sets and sizes."""
-    some = [told(shapes, measure, rule, size, CHOOSING) for shapes in sets for size in OPEN_SIZES]
+    some = [rule_values(shapes, measure, rule, size, CHOOSING) for shapes in sets for size in OPEN_SIZES]
     return float(np.mean([sum(rates(one, constant)) for one in some if all(map(len, one))]))
 
 
 @cache
 def choose_slack(sets: tuple[Shapes, ...], measure: str, rule: str) -> float:
-    """Return the constant of the least sum, of several as good the one in the middle."""
+    """Return the constant with the least sum; among several equally good ones, the middle one."""
     grid = np.linspace(0.2, 3.0, 281)
     sums = np.array([summed(sets, measure, rule, constant) for constant in grid])
     best = np.flatnonzero(sums == sums.min())
@@ -158,7 +158,7 @@ def choose_slack(sets: tuple[Shapes, ...], measure: str, rule: str) -> float:
 
 
 def constants(sets: tuple[Shapes, ...]) -> str:
-    """Return the table of calibration.py, as Python."""
+    """Return the table of calibration.py as Python code."""
     lines = []
     for measure in VECTOR_MEASURES:
         exponents = ", ".join(

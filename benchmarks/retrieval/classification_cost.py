@@ -1,4 +1,4 @@
-"""What classifying takes beyond the distances, in libraries of ten thousand and a million shapes."""
+"""The time of classification beyond the distances, in libraries of ten thousand and a million shapes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _costs(size: int, dimension: int) -> dict[str, tuple[float, float, float]]:
     stored = np.where(np.arange(size) == 0, np.inf, distances)
     costs = {}
     for name in CLASSIFIERS:
-        gallery = Gallery(vectors, codes, labels)  # another one, which nothing is known of yet
+        gallery = Gallery(vectors, codes, labels)  # a new gallery, for which no classifier has cached anything
         start = time.perf_counter()
         classify(gallery, measure, query, distances, name)
         first = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""What the classifiers are measured on: real shapes, drawn into libraries of several sizes."""
+"""Data for measuring the classifiers: real shapes in random libraries of several sizes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from unbend.matching.measures import VECTOR_MEASURES
 from unbend.signature.parameters import Parameters
 
 ALL: Final = None
-"""A library's size a class: all shapes but the query."""
+"""The size of a library that contains all shapes except the query."""
 DRAWS: Final = 3
 """Random libraries of each size."""
 CHOOSING, REPORTING = 0, 1
-"""The halves of the classes, as `retrieval_data.half` has them, whose queries choose constants and report figures."""
+"""Arguments of `benchmarks.retrieval.data.half`: one half of the classes chooses constants, the other is reported."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """A data set."""
+    """A data set: labels, and vectors by measure."""
 
     title: str
     labels: np.ndarray
@@ -34,7 +34,7 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Trial:
-    """A query, its class and the library that it is put to, which may be without that class."""
+    """A query with its library, which may lack the query's class, and that class."""
 
     query: Query
     label: str
@@ -51,7 +51,7 @@ def load(dataset: str, title: str) -> Shapes:
 
 
 def split(shapes: Shapes, members: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draw `members` rows of each class, and return them and the others."""
+    """Draw `members` random rows of each class; return these rows and the other rows."""
     generator = np.random.default_rng(seed)
     drawn = [generator.permutation(np.flatnonzero(shapes.labels == label)) for label in np.unique(shapes.labels)]
     return np.concatenate([rows[:members] for rows in drawn]), np.concatenate([rows[members:] for rows in drawn])
@@ -59,10 +59,10 @@ def split(shapes: Shapes, members: int, seed: int) -> tuple[np.ndarray, np.ndarr
 
 @cache
 def trials(shapes: Shapes, measure: str, members: int | None, which: int, *, known: bool = True) -> list[Trial]:
-    """Put the shapes of one half of the classes to libraries of `members` shapes of every class.
+    """Return queries by shapes of one half of the classes, in libraries of `members` shapes of every class.
 
-    Those that are not in a library are asked of it. Unless `known`, their own class is left out of it; otherwise
-    those are asked of whose class there is another shape.
+    Each shape that is not in a library is a query. If `known`, only queries with another shape of their class in
+    the library count. Otherwise the library lacks the query's class.
     """
     return [
         trial
@@ -73,7 +73,7 @@ def trials(shapes: Shapes, measure: str, members: int | None, which: int, *, kno
 
 
 def _libraries(shapes: Shapes, measure: str, members: int | None) -> Iterator[tuple[Gallery, np.ndarray]]:
-    """Yield galleries, and the rows of `shapes` that are asked of them; a gallery of all shapes is asked of itself."""
+    """Yield galleries and the rows of `shapes` that are their queries; if a gallery has all shapes, each is a query."""
     vectors = shapes.vectors[measure]
     if members is ALL:
         yield Gallery.of(vectors, shapes.labels.tolist()), np.arange(len(vectors))

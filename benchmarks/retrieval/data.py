@@ -1,4 +1,4 @@
-"""Labelled meshes of the data sets, what is measured on them, and how classes are halved."""
+"""Labelled meshes of the data sets, their signatures, and the halving of classes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from unbend.threads import available_cores
 DATASETS = ("shrec11_simplified", "tosca5k", "shrec07")
 
 HUMANS = {"david", "michael", "victoria"}
-"""Persons of TOSCA, who are one class."""
+"""The persons of TOSCA, which count as one class."""
 
 
 def listed(dataset: str, *, merged: bool = True) -> tuple[list[Path], list[str]]:
@@ -43,7 +43,7 @@ def signatures_of(paths: Sequence[Path], parameters: Parameters) -> list[Signatu
 
 
 def in_processes(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Return what `function` makes of each item, on all cores."""
+    """Return the result of `function` for each item, computed on all cores."""
     with ProcessPoolExecutor(
         available_cores(), mp_context=get_context("spawn"), initializer=limit_process, initargs=(None,)
     ) as pool:
@@ -51,10 +51,10 @@ def in_processes(function: Callable[[Any], Any], items: Sequence[Any]) -> list[A
 
 
 def unit_distances(surface: Surface, signature: Signature) -> np.ndarray:
-    """Return the geodesic distances between a signature's samples, for a surface of area 1, (k, k)."""
+    """Return the geodesic distances between a signature's samples, scaled to a surface of area 1, (k, k)."""
     return geodesic_matrix(surface, signature.samples, threads=1) / np.sqrt(surface.area)
 
 
 def half(labels: Sequence[str], which: int) -> np.ndarray[Any, np.dtype[np.bool]]:
-    """Say which shapes are of the first (0) or the second (1) half of the classes: every other one, by name."""
+    """Return a mask of the shapes in the first (0) or second (1) half of the classes, which alternate by name."""
     return np.isin(labels, sorted(set(labels))[which::2])

@@ -1,7 +1,7 @@
-"""Retrieval metrics of every measure on real shapes, published methods, and the effect of each choice.
+"""Retrieval metrics of every measure on real shapes, those of published methods, and the effect of each choice.
 
-Leave-one-out, nothing learned; `benchmarks/retrieval/choice.py` says how the parts of measures were chosen. Writes
-"retrieval" of docs/benchmarks.md. A few minutes.
+Queries are leave-one-out, and nothing is learned. `benchmarks/retrieval/choice.py` chooses the parts of measures.
+Takes a few minutes. Writes the section "retrieval" of docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ PUBLISHED = {
     "MDS-CM-BOF, full resolution": ("0.995", "0.913", "0.969", "", "0.982", ""),
     "ShapeDNA, full resolution": ("0.992", "0.915", "0.957", "", "0.978", ""),
 }
-"""SHREC'11's 600 meshes; quoted from the literature as our notes have it, not from the track's own report."""
+"""Metrics on SHREC'11's 600 meshes, from our notes of the literature; not checked against the track's report."""
 
 PERSONS = ("tosca5k", "faust5k")
-"""Data sets in which persons differ as classes do, or are one class."""
+"""Data sets of persons, evaluated with each person as a class."""
 
 FIGURES = ["NN", "FT", "ST", "E", "DCG", "mAP"]
 EIGENVALUES = 20
 DEFAULTS = Parameters()
 ABLATION = {
-    "as it is": DEFAULTS,
+    "defaults": DEFAULTS,
     "100 samples": replace(DEFAULTS, samples=100),
     "200 samples": replace(DEFAULTS, samples=200),
     "500 samples": replace(DEFAULTS, samples=500),
@@ -68,9 +68,9 @@ def main() -> None:
             ' Retrieval on Non-rigid 3D Watertight Meshes"), as our notes quote them; we have not compared them'
             " with its report."
         ),
-        "The half of the classes that chose nothing (every other one, by name), among all shapes:",
+        "Queries from the half of the classes that chose nothing (every second class by name), among all shapes:",
         table(["data set", "measure", *FIGURES], [_untouched(name, signatures[name]) for name in DATASETS]),
-        f"What choices are worth: mean average precision, {' and '.join(DATASETS[:2])}.",
+        f"The effect of each choice: mean average precision, {' and '.join(DATASETS[:2])}.",
         table(["", *(f"{name} {of}" for name in DATASETS[:2] for of in ABLATED)], _ablation(signatures)),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "retrieval", "\n\n".join(parts))
@@ -116,7 +116,7 @@ def _reeb_row(of: tuple[Any, list[Any]]) -> list[float]:
 
 
 def _classical_eigenvalues(path: Path) -> np.ndarray:
-    """Return the logarithms of the leading eigenvalues of classical scaling: the plainest spectral descriptor."""
+    """Return the logarithms of the leading eigenvalues of classical scaling, the simplest spectral descriptor."""
     surface = read_mesh(path)
     distances = unit_distances(surface, compute_signature(surface, DEFAULTS, threads=1))
     found = embed(distances, EIGENVALUES, method="classical", threads=1).eigenvalues
@@ -128,7 +128,7 @@ def _untouched(dataset: str, signatures: list[Signature]) -> list[str]:
     asked = half(labels, 1)
     measure = get_vector_measure(DEFAULT_MEASURE)
     distances = measure.matrix(_stacked(measure, signatures))
-    # a label of its own takes a shape's queries out, and leaves it in the way of the others
+    # A unique label excludes a shape from the queries, but keeps the shape in the gallery of the others.
     names = [label if keep else f"{label} {row}" for row, (label, keep) in enumerate(zip(labels, asked, strict=True))]
     return [f"{dataset} ({asked.sum()} queries)", measure.name, *_shown(_leave_one_out(distances, names))]
 
@@ -153,7 +153,7 @@ def _precisions(described: list[dict[str, np.ndarray]], labels: list[str]) -> li
 
 
 def _unweighted(path: Path) -> dict[str, np.ndarray]:
-    """Return descriptors that do not know what area a sample stands for."""
+    """Return descriptors in which every sample has the same weight."""
     surface = read_mesh(path)
     signature = compute_signature(surface, DEFAULTS, threads=1)
     distances = unit_distances(surface, signature)
@@ -166,7 +166,7 @@ def _unweighted(path: Path) -> dict[str, np.ndarray]:
 
 
 def _distances(vectors: np.ndarray) -> np.ndarray:
-    return get_vector_measure(DEFAULT_MEASURE).matrix(vectors)  # L1, as all of them
+    return get_vector_measure(DEFAULT_MEASURE).matrix(vectors)  # L1, like all vector measures
 
 
 def _leave_one_out(distances: np.ndarray, labels: list[str]) -> RetrievalMetrics:

@@ -1,7 +1,7 @@
-"""Retrieval by measures of whole shapes: on the short list of the default measure, and alone.
+"""Retrieval by pair measures: on the short list of the default measure, and alone.
 
-Two halves of each data set's classes, alternating by name: on A choices were made (the modified Hausdorff distance,
-the length of the short list), on B nothing was. Writes "rerank" of docs/benchmarks.md.
+The classes of each data set alternate by name between two halves, A and B. Choices (the modified Hausdorff distance,
+the length of the short list) were made on A only. Writes the section "rerank" of docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from unbend.threads import share_out
 
 LENGTHS = (5, 10, 20)
 EVERY = {"shrec11_simplified": 3, "tosca5k": 1, "shrec07": 1}
-"""Of which classes the pair measures are tried alone: every third makes ten of SHREC'11."""
+"""Pair measures alone are tried on every n-th class: every third leaves ten classes of SHREC'11."""
 REFERENCE = Search(kept=48, marker_steps=1, refined=48)
-"""Every start refined by all points."""
+"""A search that refines every start with all points."""
 
 
 PAIRED = {"rigid": root_mean_square, "hausdorff": larger_mean, "max_hausdorff": farthest}
@@ -37,7 +37,7 @@ PAIRED = {"rigid": root_mean_square, "hausdorff": larger_mean, "max_hausdorff": 
 
 @dataclass(frozen=True)
 class Shapes:
-    """One data set, or some of its classes."""
+    """A data set, or some of its classes."""
 
     name: str
     labels: np.ndarray
@@ -45,17 +45,17 @@ class Shapes:
 
     @cached_property
     def first(self) -> Floats:
-        """Distances of the default measure, (n, n)."""
+        """The distances by the default measure, (n, n)."""
         measure = get_vector_measure(DEFAULT_MEASURE)
         return measure.matrix(np.stack([measure.vector(signature.descriptors) for signature in self.signatures]))
 
     def every(self, step: int) -> Shapes:
-        """Return every so many-th class."""
+        """Return the shapes of every `step`-th class."""
         rows = np.flatnonzero(np.isin(self.labels, np.unique(self.labels)[::step]))
         return Shapes(self.name, self.labels[rows], [self.signatures[row] for row in rows])
 
     def halves(self, distances: Floats) -> list[RetrievalMetrics]:
-        """Return the metrics of queries of the classes A and B, among all shapes."""
+        """Return the metrics of queries from the classes A and from the classes B, among all shapes."""
         asked = [np.flatnonzero(half(self.labels, which)) for which in (0, 1)]
         return [evaluate(distances[rows], self.labels[rows], self.labels, own=rows).metrics for rows in asked]
 
@@ -75,12 +75,12 @@ class Shapes:
         return dict(zip(PAIRED, distances, strict=True))
 
     def short_list(self, query: int, length: int) -> Indices:
-        """Return the nearest others by the default measure."""
+        """Return the nearest other shapes by the default measure."""
         order = np.argsort(self.first[query], kind="stable")
         return order[order != query][:length]
 
     def reordered(self, scores: Floats, length: int) -> Floats:
-        """Return places in which each query's short list comes in the order of its scores, and before the others."""
+        """Return ranks in which each query's short list is ordered by score and precedes all other shapes."""
         places = np.argsort(np.argsort(self.first, axis=1, kind="stable"), axis=1) + float(length)
         for query in range(len(places)):
             rows = self.short_list(query, length)
@@ -174,8 +174,8 @@ def search_text(data: dict[str, Shapes]) -> str:
         "data set",
         "samples",
         "same class: mean / largest",
-        "other class",
-        "ms a pair, one thread",
+        "other class: mean / largest",
+        "ms per pair, one thread",
         "all threads",
     ]
     return (

@@ -1,7 +1,7 @@
-"""Retrieval of changed shapes: remeshed, cut, scaled, noisy; and the detection of noise.
+"""Retrieval of disturbed shapes: remeshed, cut, scaled, noisy; and the detection of noise.
 
-Default parameters and measure. Writes "robustness" of docs/benchmarks.md; `--quick` prints a few queries, and writes
-nothing. Some eight minutes on two cores.
+Uses the default parameters and measure, and takes about eight minutes on two cores. Writes the section "robustness" of
+docs/benchmarks.md; `--quick` runs few queries, and only prints.
 """
 
 from __future__ import annotations
@@ -22,29 +22,31 @@ from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
 from unbend.mesh.roughness import ROUGH
 
 EVERY = {"tosca5k": 1, "shrec07": 4, "shrec11_simplified": 8}
-"""Which of a data set's meshes are queries: every n-th, in the order of labels.csv. The gallery has all."""
+"""Every n-th mesh of a data set is a query, in the order of labels.csv. The gallery has all meshes."""
 
 QUICK = 24
-"""What of that `--quick` takes, gallery and queries: every n-th."""
+"""With `--quick`, the gallery and the queries have only every n-th mesh."""
 
 POSE = "another pose (itself left out)"
 
 INTRODUCTION = f"""\
-How often the nearest of all shapes is the disturbed one's own original / one of its class, by `{DEFAULT_MEASURE}`; in
-brackets, how many shapes were disturbed, of how many there are. Only the query is disturbed, and only it is smoothed.
-Members of a class of tosca5k and shrec11_simplified are one object in several poses (the humans of tosca5k three
-people): to a measure that bending does not change any of them is as right as the original. Those of shrec07 are
-different objects. Noise is Gaussian, in each coordinate, its standard deviation a share of the bounding box's
-diagonal. A hole is a geodesic disc."""
+Each cell has two rates: how often the nearest shape to a disturbed query is the query's own original, and
+how often it is of the query's class, by `{DEFAULT_MEASURE}`. In brackets: the number of queries, and of all
+shapes. Only the query is disturbed and smoothed. The members of a class of tosca5k and shrec11_simplified
+are poses of one object (the humans of tosca5k are three people), so a measure that is invariant to
+bending cannot prefer the original. The members of a class of shrec07 are different objects. Noise is
+Gaussian in each coordinate; its standard deviation is a share of the bounding box's diagonal. A hole is a
+geodesic disc."""
 
 REASONS = """\
-What is below .95, and why. Where the class is right and *the original* is not, another pose of the same object is
-nearer than what the disturbance left of it: to this measure they are one surface. *Another pose* of shrec07 is another
-object. *Noise* is no bending: where it is as large as the triangles, as 1 % of the diagonal is on meshes of thousands
-of vertices, as it comes, it multiplies the area, and distances do not grow alike; reading says that such a mesh is
-rough. *Smoothing* takes off what is smaller than some triangles: 30 rounds take noise off thousands of vertices, and
-limbs off the 250 of shrec11_simplified, where one is better. *Holes* of 1 % of the faces are as wide as such limbs, and
-ways around them longer."""
+Reasons for rates below .95. If the class is correct but the original is not the nearest, another pose of
+the same object is nearer than the disturbed original; for this measure, both are one surface. *Another
+pose* of shrec07 is another object. *Noise* is not bending: noise as large as the triangles (1 % of the
+diagonal on meshes of thousands of vertices) multiplies the area, but not the distances by the same
+factor. The report of such a mesh says that it is rough. *Smoothing* removes features smaller than some
+triangles: 30 rounds remove noise from thousands of vertices, but limbs from the 250 vertices of
+shrec11_simplified, where one round is better. *Holes* of 1 % of the faces are as wide as such limbs, and
+make the paths around them longer."""
 
 
 def main() -> None:
@@ -65,12 +67,12 @@ def _text(step: int) -> str:
     header = ["disturbance", *(f"{dataset} ({count} of {size})" for dataset, (count, size, _) in columns.items())]
     names = [POSE, *(name for name in DISTURBANCES if name != NOTHING)]
     rows = [[name, *(rates[name] for _, _, rates in columns.values())] for name in names]
-    told = f"Meshes that are told to be rough (roughness above {ROUGH}), and the range of their roughness:"
-    return "\n\n".join([INTRODUCTION, table(header, rows), REASONS, told, _roughness_table(step)])
+    heading = f"Meshes reported as rough (roughness above {ROUGH}), and the range of roughness:"
+    return "\n\n".join([INTRODUCTION, table(header, rows), REASONS, heading, _roughness_table(step)])
 
 
 def _rates(dataset: str, step: int) -> tuple[int, int, dict[str, str]]:
-    """Return how many queries and shapes there are, and the rates of each disturbance."""
+    """Return the number of queries, the number of shapes, and the rates of each disturbance."""
     paths, labels = (found[::step] for found in listed(dataset))
     asked = range(0, len(paths), EVERY[dataset])
     jobs = [(NOTHING, path) for path in paths]
@@ -94,7 +96,7 @@ def _rates(dataset: str, step: int) -> tuple[int, int, dict[str, str]]:
 
 
 def _vectors(jobs: Sequence[tuple[str, Path]]) -> list[Singles]:
-    """Return the vectors of the default measure, computed in processes; those that take longest are begun first."""
+    """Return the vectors of the default measure, computed in processes that start with the largest files."""
     order = sorted(range(len(jobs)), key=lambda job: -jobs[job][1].stat().st_size)
     measure, found = get_vector_measure(DEFAULT_MEASURE), dict[int, Singles]()
     for job, descriptors in zip(order, in_processes(described, [jobs[job] for job in order]), strict=True):

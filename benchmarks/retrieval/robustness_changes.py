@@ -1,4 +1,4 @@
-"""What is done to a shape before it is looked for: each change of its own seed, the same on every run."""
+"""Disturbances of a query's mesh; each file has its own random seed, which is the same in every run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def nothing(surface: Surface, _generator: np.random.Generator) -> Arrays:
 
 
 def moved(surface: Surface, generator: np.random.Generator) -> Arrays:
-    """Rotated, mirrored, rescaled by a factor from 0.2 to 4, vertices and faces in another order."""
+    """Rotate, mirror, rescale by a factor from 0.2 to 4, and reorder the vertices and faces."""
     turn = np.linalg.qr(generator.normal(size=(3, 3)))[0]
     turn[0] *= -np.sign(np.linalg.det(turn))
     factor = np.exp(generator.uniform(np.log(0.2), np.log(4)))
@@ -34,7 +34,7 @@ def moved(surface: Surface, generator: np.random.Generator) -> Arrays:
 
 
 def subdivided(surface: Surface, _generator: np.random.Generator) -> Arrays:
-    """Each triangle in four, at the middles of its edges."""
+    """Split each triangle in four at the midpoints of its edges."""
     pairs = np.sort(surface.faces[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2), axis=1)
     ends, numbers = np.unique(pairs, axis=0, return_inverse=True)
     middles = surface.vertices[ends].mean(axis=1)
@@ -45,20 +45,20 @@ def subdivided(surface: Surface, _generator: np.random.Generator) -> Arrays:
 
 
 def noisy(surface: Surface, generator: np.random.Generator, share: float) -> Arrays:
-    """Gaussian noise in each coordinate; its standard deviation is a share of the bounding box's diagonal."""
+    """Add Gaussian noise to each coordinate; its standard deviation is a share of the bounding box's diagonal."""
     deviation = share * np.linalg.norm(np.ptp(surface.vertices[surface.used_vertices], axis=0))
     return surface.vertices + deviation * generator.normal(size=surface.vertices.shape), surface.faces
 
 
 def noisy_by_edges(surface: Surface, generator: np.random.Generator, share: float) -> Arrays:
-    """Noise whose standard deviation is a share of the median edge."""
+    """Add Gaussian noise to each coordinate; its standard deviation is a share of the median edge length."""
     corners = surface.vertices[surface.faces]
     deviation = share * np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
     return surface.vertices + deviation * generator.normal(size=surface.vertices.shape), surface.faces
 
 
 def holed(surface: Surface, generator: np.random.Generator, share: float) -> Arrays:
-    """Without the faces nearest along the surface to five random vertices, a share of all around each."""
+    """Cut five holes: around each of five random vertices, remove the geodesically nearest share of all faces."""
     count = max(1, round(share * len(surface.faces)))
     kept = np.ones(len(surface.faces), bool)
     for distances in geodesic_distances(surface, generator.choice(surface.used_vertices, 5, replace=False)):
@@ -68,15 +68,15 @@ def holed(surface: Surface, generator: np.random.Generator, share: float) -> Arr
 
 @dataclass(frozen=True)
 class Disturbance:
-    """A change, and how the changed mesh is read."""
+    """A change of a mesh, and the options of reading the changed mesh."""
 
     change: Change
     smooth: int = 0
     denser: int | None = None
-    """At most this many times as many vertices."""
+    """Limit of the number of vertices, as a multiple of the original number."""
 
     def read(self, path: Path) -> Surface:
-        """Return the surface of the changed mesh, read as a file of it would be."""
+        """Return the surface of the changed mesh, repaired like the mesh of a file."""
         surface = read_mesh(path)
         changed = self.change(surface, np.random.default_rng(zlib.crc32(path.name.encode())))
         most = None if self.denser is None else self.denser * len(surface.used_vertices)
@@ -108,13 +108,13 @@ NOISE: Mapping[str, Change] = {
 
 
 def described(job: tuple[str, Path]) -> dict[str, Any]:
-    """Return the descriptors of a mesh after the disturbance of a name."""
+    """Return the descriptors of a mesh after the named disturbance."""
     name, path = job
     return dict(compute_signature(DISTURBANCES[name].read(path), threads=1).descriptors)
 
 
 def roughnesses(path: Path) -> list[float]:
-    """Return a mesh's roughness with each noise; nothing where it cannot be read."""
+    """Return a mesh's roughness with each noise, or an empty list if the mesh cannot be read."""
     try:
         surface = read_mesh(path)
     except MeshError:

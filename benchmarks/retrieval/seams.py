@@ -1,7 +1,7 @@
-"""Retrieval of shapes whose files split vertices, and the time of joining seams.
+"""Retrieval of shapes whose files split vertices, and the time of stitching seams.
 
-Queries are every 16th mesh of shrec11_simplified, each without itself in the gallery. Default parameters and measure.
-Writes "seams" of docs/benchmarks.md. Two minutes.
+Every 16th mesh of shrec11_simplified is a query, and the gallery then lacks that mesh. Uses the default parameters and
+measure, and takes two minutes. Writes the section "seams" of docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def as_it_is(surface: Surface) -> Arrays:
 
 
 def flat_shaded(surface: Surface) -> Arrays:
-    """No two faces share a vertex."""
+    """Split the vertices so that no two faces share one."""
     return surface.vertices[surface.faces].reshape(-1, 3), np.arange(surface.faces.size).reshape(-1, 3)
 
 
 def uv_seams(surface: Surface) -> Arrays:
-    """Vertices are split where a face's nearest axis changes, as texture coordinates of a box projection need it."""
+    """Split the vertices where the nearest axis of the faces changes, as a box projection of textures does."""
     a, b, c = np.moveaxis(surface.vertices[surface.faces], 1, 0)
     normals = np.cross(b - a, c - a)
     axis = np.abs(normals).argmax(axis=1)
@@ -53,14 +53,14 @@ def uv_seams(surface: Surface) -> Arrays:
 
 
 def slit(surface: Surface) -> Arrays:
-    """Vertices are split along a way from one of them to the farthest, which opens it."""
+    """Split the vertices along a path of edges from vertex 0 to the farthest vertex, which opens a slit."""
     way = _way(surface)
     faces, vertices = surface.faces.astype(np.int64), [*surface.vertices]
     on_the_way = set(itertools.pairwise(way))
     for before, vertex in itertools.pairwise(way[:-1]):
         fan = np.flatnonzero((surface.faces == vertex).any(axis=1)).tolist()
         side = [face for face in fan if (before, vertex) in _sides(surface.faces[face])]
-        for face in side:  # grows: neighbours across edges that are not cut
+        for face in side:  # `side` grows by neighbours across uncut edges
             for other in fan:
                 common = set(surface.faces[face].tolist()) & set(surface.faces[other].tolist()) - {vertex}
                 cut = any((end, vertex) in on_the_way or (vertex, end) in on_the_way for end in common)
@@ -130,7 +130,7 @@ def _key(surface: Surface) -> str:
 
 
 def _vectors(surfaces: list[Surface]) -> dict[str, Floats]:
-    """Return the vector of each distinct surface, by its key."""
+    """Return the vectors of the distinct surfaces by key."""
     distinct = {_key(surface): (surface.vertices, surface.faces) for surface in surfaces}
     return dict(zip(distinct, in_processes(_vector, list(distinct.values())), strict=True))
 

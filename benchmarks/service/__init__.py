@@ -1,1 +1,1 @@
-"""The service: throughput, reliability, contract, storage."""
+"""Benchmarks of the service: throughput, reliability, contract, storage."""

@@ -1,4 +1,4 @@
-"""The least that a FastAPI endpoint can do: return a record that it was started with, by a model of its own."""
+"""A minimal FastAPI endpoint, which validates a record with a model at its start and returns that record."""
 
 from __future__ import annotations
 
@@ -21,4 +21,4 @@ async def read() -> Shape:
     return shape
 
 
-uvicorn.run(app, host="127.0.0.1", port=0, access_log=False, http="h11", loop="asyncio")  # as the service has it
+uvicorn.run(app, host="127.0.0.1", port=0, access_log=False, http="h11", loop="asyncio")  # like the service

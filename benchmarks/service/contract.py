@@ -1,10 +1,10 @@
-"""schemathesis against the HTTP contract with many requests, with and without keys.
+"""Tests the HTTP contract with many requests of schemathesis, with and without API keys.
 
     python -m benchmarks.service.contract [EXAMPLES] [STEPS] [SEED]
 
-Makes up EXAMPLES requests (200 by default) for each operation in each way of making them up, and as many sequences of
-up to STEPS (30) that go on with what was answered; another seed each time unless one is given. Needs the extra `test`.
-Writes "contract" of docs/reliability.md, and ends with an error where anything was found.
+Generates EXAMPLES requests (200 by default) for each operation in each phase, and as many sequences of up to STEPS
+requests (30) that use the answers of earlier requests. The seed is random unless SEED is given. Needs the extra `test`.
+Writes the section "contract" of docs/reliability.md. Exits with an error if a check failed.
 """
 
 from __future__ import annotations
@@ -58,20 +58,20 @@ def text(reports: dict[str, Report], examples: int, steps: int, seed: int, secon
         sum(count for (_, label), count in each.cases.items() if label not in each.operations)
         for each in reports.values()
     ]
-    by_operation += [["methods that are not there", *(f"{count:,}" for count in others)]]
+    by_operation += [["unsupported methods", *(f"{count:,}" for count in others)]]
     by_operation += [["**all**", *(f"**{sum(each.cases.values()):,}**" for each in reports.values())]]
     checks = [[f"`{name}`", *(f"{each.checks[name]:,}" for each in reports.values())] for name in sorted(CHECK_NAMES)]
     rows = [
         ["failures", *(len(each.failed) for each in reports.values())],
-        ["requests of the longest sequence that went on with answers", *(each.longest for each in reports.values())],
-        ["links that led somewhere", *(len(each.followed) for each in reports.values())],
+        ["longest sequence of linked requests", *(each.longest for each in reports.values())],
+        ["links followed successfully", *(len(each.followed) for each in reports.values())],
     ]
     phases = ", ".join(PHASES)
-    return f"""schemathesis {importlib.metadata.version("schemathesis")} sent requests, right and wrong ones, made up from the OpenAPI document to a server on loopback, and checked each answer against it, with all of its checks and in all of its phases ({phases}): {examples} examples an operation, {examples} sequences of up to {steps} requests, seed {seed}, {seconds / 60:.0f} minutes. Exceptions, and their reasons, are in `tests/support/schemathesis.toml`.
+    return f"""schemathesis {importlib.metadata.version("schemathesis")} generated valid and invalid requests from the OpenAPI document, sent them to a server on loopback, and checked each answer against the document, with all of its checks and phases ({phases}): {examples} examples for each operation, {examples} sequences of up to {steps} requests, seed {seed}, {seconds / 60:.0f} minutes. The exceptions and their reasons are in `tests/support/schemathesis.toml`.
 
 {table(["", *names], rows)}
 
-Requests, in brackets those that were answered 2xx:
+Requests; in brackets, those with a 2xx answer:
 
 {table(["operation", *names], by_operation)}
 

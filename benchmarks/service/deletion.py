@@ -1,9 +1,10 @@
-"""The time of real deletion: overwriting content, and emptying the log.
+"""The time of secure deletion: overwriting content, and emptying the write-ahead log.
 
     python -m benchmarks.service.deletion
 
-For files of three sizes, the milliseconds that the store takes for a query's file, from the upload until its job has
-ended, and for removing a shape: as the library does it, with the log left alone, and without overwriting either.
+For files of three sizes, prints the milliseconds that the store takes for a query's file, from the upload to the end of
+its job, and for removing a shape. Compares the library's own way, one without emptying the log, and one that also does
+not overwrite.
 """
 
 from __future__ import annotations
@@ -80,11 +81,11 @@ def main() -> None:
         "overwritten, log left": {"overwritten": True, "log_emptied": False},
         "not overwritten, log left": {"overwritten": False, "log_emptied": False},
     }
-    for told, size in SIZES.items():
+    for size_name, size in SIZES.items():
         for way, options in ways.items():
             with tempfile.TemporaryDirectory() as folder:
                 query, removal = measured(Path(folder) / "library.db", size, **options)
-            print(f"| {told} | {way:<34} | {query:.1f} | {removal:.1f} |", flush=True)
+            print(f"| {size_name} | {way:<34} | {query:.1f} | {removal:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

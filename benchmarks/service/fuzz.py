@@ -1,11 +1,11 @@
-"""Damaged mesh files sent to a running service, which must respond to each and stay healthy.
+"""Sends damaged mesh files to a running service, which must answer each and stay healthy.
 
     python -m benchmarks.service.fuzz [COUNT] [--seed SEED] [--print]
     python -m benchmarks.service.fuzz --show FORMAT NUMBER > mesh
 
-COUNT files, 100,000 by default, are made by tests/fuzzing.py from small valid ones, evenly of each format, and sent
-over HTTP, one of ten as a shape and the others as queries. The second form writes one of them. Writes "fuzz" of
-docs/reliability.md, and ends with 1 where anything went wrong.
+tests/support/fuzzing.py makes COUNT files (100,000 by default) from small valid ones, as many of each format. Every
+tenth file is uploaded as a shape, the others as queries. The second form writes one of the files to standard output.
+Writes the section "fuzz" of docs/reliability.md. Exits with status 1 if there was a fault.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ HEADING = "# Reliability\n"
 CONNECTIONS = 4
 BATCH = 250
 WAITING = 200
-"""Jobs under way below which the next files are sent; with a batch, fewer than one list of jobs holds."""
+"""The next batch is sent when at most this many jobs are unfinished; with a batch, they fit in one list of jobs."""
 LISTED = 500
 LOOK_SECONDS = 0.2
 ENDED = ("succeeded", "failed", "cancelled")
@@ -46,12 +46,12 @@ SEED = 1
 
 REFUSALS = {"mesh_format"}
 FAILURES = {"mesh_format", "mesh_read", "mesh_geometry", "mesh_too_large"}
-"""Codes that jobs may fail with; those of limits of time and memory are none, for no small file needs much."""
+"""Allowed error codes of jobs. Codes of time and memory limits are not allowed, because all files are small."""
 
 
 @dataclass
 class Tally:
-    """What became of the files of one format."""
+    """The outcomes of the files of one format."""
 
     files: int = 0
     refused: Counter[str] = field(default_factory=Counter)
@@ -62,7 +62,7 @@ class Tally:
 
 @dataclass
 class Peak:
-    """The most memory that processes have had, in bytes, and which workers there were."""
+    """The peak memory of the processes, in bytes, and the ids of all workers seen."""
 
     server: int = 0
     worker: int = 0
@@ -76,7 +76,7 @@ class Peak:
 
 
 class Run:
-    """One run: what was sent, what came back, what went wrong."""
+    """One run: sends files, and records outcomes and faults."""
 
     def __init__(self, server: Server, http: httpx.Client, seed: int) -> None:
         self.tallies = {kind: Tally() for kind in FORMATS}
@@ -91,7 +91,7 @@ class Run:
                 self._note_answer(kind, number, response)
 
     def settle(self, most: int) -> None:
-        """Wait until `most` jobs are under way, and note those that have ended."""
+        """Wait until at most `most` jobs are unfinished, and note the jobs that have ended."""
         while True:
             load = self._http.get("/v1/capacity").json()
             if load["running"] + load["queued"] <= most:
@@ -119,7 +119,7 @@ class Run:
         if response.status_code == httpx.codes.ACCEPTED:
             self._waiting[answer["id"]] = kind, number
         elif response.status_code == httpx.codes.OK:
-            tally.ended["succeeded"] += 1  # the same bytes came before
+            tally.ended["succeeded"] += 1  # the same bytes were sent before
         else:
             tally.refused[answer["code"]] += 1
             if answer["code"] not in REFUSALS:
@@ -164,10 +164,10 @@ def main() -> None:
 
 
 def fuzz(folder: Path, count: int, seed: int) -> tuple[str, list[str]]:
-    """Send `count` files; return the text of the page and a line for each thing that went wrong."""
+    """Send `count` files; return the text of the page and one line for each fault."""
     limits = {"job_seconds": SECONDS, "job_memory_mb": MEMORY_MB}
     with Server(folder, workers=WORKERS, **limits) as server, httpx.Client(base_url=server.url, timeout=60) as http:
-        stored(http, small_mesh(0), label="torus", parameters=PARAMETERS)  # so that queries have something to find
+        stored(http, small_mesh(0), label="torus", parameters=PARAMETERS)  # so that queries have a result
         run, begun = Run(server, http, seed), time.perf_counter()
         run.peak.look(server)
         first = set(run.peak.workers)
@@ -192,7 +192,7 @@ def batches(count: int) -> Iterator[list[tuple[str, int]]]:
 
 
 def _after(server: Server, http: httpx.Client, run: Run, first: set[int]) -> Iterator[str]:
-    """Yield what is wrong with the server at the end."""
+    """Yield the faults of the server at the end."""
     if server.process.poll() is not None:
         yield "the server has ended"
         return
@@ -222,7 +222,7 @@ def report(run: Run, seconds: float, seed: int, faults: list[str]) -> str:
     ]  # fmt: skip
     total = sum(tally.files for tally in run.tallies.values())
     peak = run.peak
-    told = (
+    summary = (
         f"{total:,} damaged files (seed {seed}) in {seconds:,.0f} s, {total / seconds:.0f} a second, sent to a server "
         f"with {WORKERS} workers that may take {SECONDS} s and {MEMORY_MB:,} MB for a job. Most memory: the server "
         f"{peak.server / 2**20:.0f} MB, a worker {peak.worker / 2**20:.0f} MB."
@@ -231,11 +231,11 @@ def report(run: Run, seconds: float, seed: int, faults: list[str]) -> str:
         "Every file was answered, each refusal and failure with one of the codes below and a sentence; no worker died "
         "or was stopped, the log has no error, and the library's integrity check says ok."
     )
-    return f"{told}\n\n{verdict}\n\n{table(header, rows)}"
+    return f"{summary}\n\n{verdict}\n\n{table(header, rows)}"
 
 
 def peak_bytes(pid: int) -> int:
-    """Return the most memory a process has had in RAM, 0 where it has ended."""
+    """Return the peak resident memory of a process, or 0 if the process has ended."""
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""A client that costs next to nothing, so that the server is what is measured."""
+"""A minimal HTTP client, whose own cost hardly affects measurements of the server."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ BOUNDARY = "a-boundary-that-no-mesh-has"
 
 
 class Connection:
-    """One kept connection; answers must have a Content-Length, as all but streams of the service do."""
+    """One keep-alive connection; answers must have a Content-Length, which only streams of the service lack."""
 
     def __init__(self, url: str) -> None:
         place = urlsplit(url)
@@ -25,7 +25,7 @@ class Connection:
         self._socket.close()
 
     def send(self, method: str, path: str, body: bytes = b"", content_type: str = "") -> tuple[int, bytes]:
-        """Return status and body of the answer."""
+        """Send a request; return the status and body of the answer."""
         head = f"{method} {path} HTTP/1.1\r\nHost: {self._host}\r\n"
         if body:
             head += f"Content-Type: {content_type}\r\nContent-Length: {len(body)}\r\n"
@@ -48,7 +48,7 @@ class Connection:
 
 
 def multipart(file_name: str, data: bytes, fields: dict[str, str]) -> tuple[bytes, str]:
-    """Return a form with a file, and its content type."""
+    """Return the body of a form with a file, and its content type."""
     parts = [
         f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n{value}\r\n'.encode()
         for name, value in fields.items()

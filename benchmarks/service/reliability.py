@@ -3,8 +3,8 @@
     python -m benchmarks.service.reliability [workers] [server] [memory] [disk] [stalls]
         [--worker-kills N] [--server-kills N]
 
-Writes the sections "workers", "server", "memory", "disk" and "stalls" of docs/reliability.md, those that are named or
-all. Ends with status 1 if anything was not as it must be. "disk" mounts a small disk, which only root may.
+Writes the named sections of docs/reliability.md, or all: "workers", "server", "memory", "disk" and "stalls". Exits with
+status 1 if there was a fault. "disk" mounts a small disk, which requires root.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def main() -> None:
     parser.add_argument("--worker-kills", type=int, default=100)
     parser.add_argument("--server-kills", type=int, default=50)
     parser.add_argument("--jobs", type=int, default=10_000)
-    parser.add_argument("--shapes", type=int, default=1000, help="shapes that are added to see what one takes")
-    parser.add_argument("--disk-seconds", type=float, default=300.0, help="that uploaders fill the disk")
+    parser.add_argument("--shapes", type=int, default=1000, help="shapes added to measure the memory and disk of one")
+    parser.add_argument("--disk-seconds", type=float, default=300.0, help="how long uploaders fill the disk")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     sections = {
@@ -45,11 +45,11 @@ def main() -> None:
     reports = {name: sections[name]() for name in sections if not asked.sections or name in asked.sections}
     for name, report in reports.items():
         write_section(PAGE, name, report.text)
-    sys.exit(_told(reports))
+    sys.exit(_print_faults(reports))
 
 
-def _told(reports: dict[str, Report]) -> int:
-    """Say what was not as it must be; return the exit status."""
+def _print_faults(reports: dict[str, Report]) -> int:
+    """Print all faults; return the exit status."""
     for name, report in reports.items():
         for fault in report.faults:
             print(f"{name}: {fault}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Uploads to a disk that fills: what was acknowledged is there, and what ends, ends."""
+"""Uploads to a disk that fills: acknowledged uploads must survive, and jobs and the server must end."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ LARGE: Final = 3
 LARGE_BYTES: Final = 8 * 2**20
 RING: Final = write_mesh(torus(columns=10, rows=6).vertices, torus(columns=10, rows=6).faces, "off")
 REMOVED: Final = 0.5
-"""Shapes of a large uploader that it removes when the disk is full."""
+"""Probability that a large uploader removes shapes after a refusal."""
 
 
 @dataclass
 class Uploader:
-    """Sends files, remembers what was acknowledged, and removes some of it when the disk is full."""
+    """Sends files, remembers acknowledged uploads, and removes some of these shapes when the disk is full."""
 
     number: int
     extra: int
@@ -72,7 +72,7 @@ class Uploader:
 
 
 def fill_disk(seconds: float, seed: int) -> Report:
-    """Have small and large uploaders fill a small disk for so long; report what was lost or left."""
+    """Have small and large uploaders fill a small disk; report lost uploads and stuck jobs."""
     uploaders = [Uploader(number, 0, seed) for number in range(SMALL)]
     uploaders += [Uploader(SMALL + number, LARGE_BYTES // 16, seed) for number in range(LARGE)]
     with TemporaryDirectory() as folder, small_disk(Path(folder), DISK_MB), Server(Path(folder), **SETTINGS) as server:
@@ -104,15 +104,15 @@ def fill_disk(seconds: float, seed: int) -> Report:
         ["seconds until the server ended", f"{took:.1f}"],
     ]
     text = (
-        f"For {seconds:g} s (seed {seed}) {SMALL} clients uploaded small meshes and {LARGE} meshes of "
-        f"{LARGE_BYTES // 2**20} MB to a server whose library is on a disk of {DISK_MB} MB. Where it was full, the "
-        "latter removed some of theirs.\n\n" + table(["", ""], rows)
+        f"For {seconds:g} s (seed {seed}), {SMALL} clients uploaded small meshes, and {LARGE} clients uploaded meshes "
+        f"of {LARGE_BYTES // 2**20} MB, to a server whose library is on a disk of {DISK_MB} MB. When the disk was "
+        "full, the clients with large meshes removed some of their shapes.\n\n" + table(["", ""], rows)
     )
     return Report(text, faults)
 
 
 def _look(server: Server, uploaders: list[Uploader]) -> tuple[int, int, Counter]:
-    """Count acknowledged jobs that are not there, or whose shape is not; those that do not end; and how others did."""
+    """Return the number of lost jobs or shapes, the number of stuck jobs, and the final states of all jobs."""
     lost = stuck = 0
     ended: Counter = Counter()
     with server.http() as http:
@@ -132,7 +132,7 @@ def _look(server: Server, uploaders: list[Uploader]) -> tuple[int, int, Counter]
 
 
 def _make_room(http: httpx.Client, uploaders: list[Uploader]) -> None:
-    """Remove shapes, those of large uploaders first, until jobs go on: those that wait have no room for results."""
+    """Remove shapes, large ones first, until the disk has space for the results of waiting jobs."""
     if http.get("/v1/readyz").status_code == 200:
         return
     for uploader in reversed(uploaders):

@@ -1,4 +1,4 @@
-"""Workers and servers that are killed, again and again."""
+"""Kills workers and servers repeatedly, and reports faults."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from unbend.progress import STAGES
 WORKERS: Final = 2
 SHARES: Final = {"computing": 0.6, "sending": 0.15, "taking": 0.15, "idle": 0.1}
 EARLY: Final = 5
-"""Of so many servers one is killed before its workers are ready."""
+"""One in this many servers is killed before its workers are ready."""
 
 NAMES: Final = {
-    "computing": "at any time from its start to its end",
-    "sending": "when its result was ready and the server stood still",
-    "taking": "within 4 ms of being handed a job",
-    "idle": "with nothing to do",
+    "computing": "while it computes a job",
+    "sending": "while it sends a result to a stopped server",
+    "taking": "within 4 ms of receiving a job",
+    "idle": "while idle",
 }
 
 
 @dataclass(frozen=True)
 class Report:
-    """A section of the page, and what was not as it must be."""
+    """A section of the page, and the faults found."""
 
     text: str
     faults: Sequence[str]
@@ -44,7 +44,7 @@ def progress(message: str) -> None:
 
 
 def kill_workers(count: int, seed: int) -> Report:
-    """Kill a worker `count` times, with jobs in hand and waiting beside."""
+    """Kill a worker `count` times, while jobs are running and queued."""
     random = np.random.default_rng(seed)
     places = np.searchsorted(np.cumsum([SHARES[moment] for moment in MOMENTS]), (np.arange(count) + 0.5) / count)
     moments = random.permutation([MOMENTS[place] for place in places])
@@ -67,25 +67,22 @@ def _of_workers(kills: Sequence[Kill], seed: int, faults: int) -> str:
             jobs, hit = sum(kill.jobs for kill in some), sum(kill.hit for kill in some)
             rows.append([NAMES[moment], len(some), jobs, hit, jobs - hit, longest])
     header = [
-        "the worker was killed",
-        "times",
-        "jobs at hand",
-        "begun twice",
-        "begun once",
-        "until all ended, s, at most",
+        "moment of the kill",
+        "kills",
+        "jobs",
+        "started twice",
+        "started once",
+        "longest time to the end of all jobs, s",
     ]
     stages = Counter(kill.stage for kill in kills if kill.hit)
     at = ", ".join(f"{stage} {stages[stage]}" for stage in STAGES if stages[stage])
     seen = sum(kill.in_a_pipe for kill in kills)
     return f"""\
-{len(kills)} times (seed {seed}) one of {WORKERS} workers of a running server was killed (SIGKILL), with several jobs, uploads and queries, in hand
-and waiting. A job that loses its process is begun once more; every other must be begun once, and all must succeed.
+The benchmark killed (SIGKILL) one of {WORKERS} workers of a running server {len(kills)} times (seed {seed}), while several uploads and queries were running or queued. A job that loses its process is started once more. Every other job must start once, and all jobs must succeed.
 
 {table(header, rows)}
 
-What the job that was begun twice had reported last: {at}, or nothing yet in {stages[None]} cases. In {seen} cases the
-worker was seen waiting for room in the pipe. Faults (jobs that did not succeed, files that were not as sent, more than
-one job begun twice, or one where the worker had nothing to do): {faults}."""  # noqa: E501
+Last reported stages of the jobs that were started twice: {at}; no stage in {stages[None]} cases. In {seen} cases the worker was waiting to write to a full pipe. Faults (jobs that did not succeed, files that differ from the upload, more than one job started twice, or a job started twice although its worker was idle): {faults}."""  # noqa: E501
 
 
 def kill_servers(count: int, seed: int) -> Report:
@@ -106,24 +103,19 @@ def _of_servers(crashes: Crashes, found: Sequence[Crash], seed: int) -> str:
     rows = [
         ["servers killed", len(found)],
         ["of these before their workers were ready", sum(not crash.ready for crash in found)],
-        ["jobs acknowledged (202, or answered in place)", sum(caller.acknowledged for caller in callers)],
-        *([f"jobs followed to their end: {state}", states[state]] for state in sorted(states)),
-        ["shapes acknowledged, there at the end with their bytes", sum(len(caller.kept) for caller in callers)],
-        ["shapes whose removal was acknowledged, gone", sum(len(caller.gone) for caller in callers)],
-        ["seconds until a server answered, at most", f"{max(crash.start_seconds for crash in found):.1f}"],
+        ["acknowledged jobs (202, or answered directly)", sum(caller.acknowledged for caller in callers)],
+        *([f"jobs that ended: {state}", states[state]] for state in sorted(states)),
+        ["acknowledged shapes, present at the end byte for byte", sum(len(caller.kept) for caller in callers)],
+        ["acknowledged removals, absent at the end", sum(len(caller.gone) for caller in callers)],
+        ["longest start of a server, s", f"{max(crash.start_seconds for crash in found):.1f}"],
         [
-            "seconds that a process outlived its server, at most",
+            "longest life of a process after its server was killed, s",
             f"{max(crash.left_seconds for crash in found):.1f}",
         ],
-        ["folders for temporary files left, at most", max(crash.left_folders for crash in found)],
+        ["temporary files and folders left, at most", max(crash.left_folders for crash in found)],
         ["faults", len(crashes.faults)],
     ]
     return f"""\
-{len(found)} servers (seed {seed}), one after the other on one library file, were killed (SIGKILL) at a random moment
-while {len(callers)} clients uploaded, asked, changed, removed and cancelled. The next one had to have every shape that
-had been acknowledged, byte for byte, and none whose removal had been; jobs seen ended had to be the same in every
-field, `PRAGMA integrity_check` and `foreign_key_check` to find nothing. After each start what was told of late was
-compared, with a sample of all before, and at the end everything; by then every acknowledged job had to have ended as
-its file deserves.
+The benchmark killed (SIGKILL) {len(found)} servers (seed {seed}) at random moments, one after another on one library file, while {len(callers)} clients uploaded, queried, changed, removed and cancelled. The next server had to have every acknowledged shape, byte for byte, and no shape whose removal was acknowledged. Ended jobs had to be unchanged in every field, and `PRAGMA integrity_check` and `foreign_key_check` had to find nothing. After each start, all recent acknowledgements and a sample of earlier ones were checked; at the end, everything was checked, and every acknowledged job had to have the correct final state.
 
-{table(["", ""], rows)}"""
+{table(["", ""], rows)}"""  # noqa: E501

@@ -1,4 +1,4 @@
-"""Many jobs in a row, and what the processes hold meanwhile."""
+"""Runs many jobs in a row, and measures memory, handles and threads of the processes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from tests.support.server import SAMPLES, Server
 
 CALLERS: Final = 8
 KEPT: Final = 25
-"""Shapes that each caller leaves in the library."""
+"""Shapes that each caller keeps in the library."""
 
 MIX: Final = {"upload": 40, "query": 42, "look": 4, "change": 4, "damaged": 8, "cancel": 2}
 PARTS: Final = 10
 BASE: Final = 1
-"""The part, from 0, that the last one is compared with: by then caches are full."""
+"""The index of the part that the last part is compared with: by then the caches are full."""
 
 GROWTH: Final = 1.05
 MORE_HANDLES: Final = 2
-"""Connections to the store that may be open more or fewer."""
+"""Allowed increase of handles, because the number of open connections to the store varies."""
 
 QUIET_SECONDS: Final = 2.0
 MEGABYTE: Final = 2**20
@@ -34,7 +34,7 @@ MEGABYTE: Final = 2**20
 
 @dataclass(frozen=True)
 class Part:
-    """What was held after a part of the jobs, when all had ended."""
+    """The rate of a part of the jobs, and the footprints of the processes after these jobs ended."""
 
     rate: float
     server: Footprint
@@ -42,7 +42,7 @@ class Part:
 
 
 def work_on(jobs: int, shapes: int, seed: int) -> Report:
-    """Have a server do `jobs` jobs with a library of constant size, and then add `shapes` shapes."""
+    """Have a server run `jobs` jobs with a library of constant size, and then add `shapes` shapes."""
     callers = [Caller(number, seed, mix=MIX, most_kept=KEPT) for number in range(CALLERS)]
     adders = [Caller(CALLERS + number, seed, mix={"upload": 1}) for number in range(CALLERS)]
     parts: list[Part] = []
@@ -53,7 +53,7 @@ def work_on(jobs: int, shapes: int, seed: int) -> Report:
         for caller in callers:
             caller.check(server.url)
         size = server.library.stat().st_size
-        _part(server, adders, CALLERS)  # so that these callers cost nothing more below
+        _part(server, adders, CALLERS)  # so that the fixed costs of these callers are not measured below
         before = _part(server, callers[:1], 20).server
         work(adders, server.url, shapes)
         after = _part(server, callers[:1], 20).server
@@ -65,8 +65,7 @@ def work_on(jobs: int, shapes: int, seed: int) -> Report:
     text = _text(parts, callers, seed, len(faults))
     text += f"""
 
-**A shape more.** {shapes} further shapes, with their jobs, made the server's own memory {(after.own - before.own) / shapes:.0f} bytes a shape larger, and
-the library's file {disk / 1024:.0f} kB a shape."""  # noqa: E501
+**Cost of a shape.** {shapes} more shapes, with their jobs, enlarged the server's private memory by {(after.own - before.own) / shapes:.0f} bytes per shape, and the library's file by {disk / 1024:.0f} kB per shape."""  # noqa: E501
     return Report(text, faults)
 
 
@@ -82,29 +81,32 @@ def _growth(name: str, before: Footprint, after: Footprint) -> Iterator[str]:
     if after.own > GROWTH * before.own:
         yield f"{name} grew from {before.own / MEGABYTE:.1f} to {after.own / MEGABYTE:.1f} MB"
     if after.handles > before.handles + MORE_HANDLES:
-        yield f"{name} has {after.handles} handles open instead of {before.handles}"
+        yield f"{name} has {after.handles} open file descriptors instead of {before.handles}"
     if after.threads > before.threads:
         yield f"{name} has {after.threads} threads instead of {before.threads}"
 
 
 def _text(parts: Sequence[Part], callers: Sequence[Caller], seed: int, faults: int) -> str:
-    header = ["tenth", "jobs a second", "server: own MB", "resident MB", "handles", "threads"]
-    header += ["workers: own MB", "handles", "threads"]
+    header = [
+        "tenth of the jobs",
+        "jobs per second",
+        "server: private MB",
+        "resident MB",
+        "file descriptors",
+        "threads",
+    ]
+    header += ["workers: private MB", "file descriptors", "threads"]
     rows = [[number + 1, f"{part.rate:.0f}", *_cells([part.server]), *_cells(part.workers.values(), resident=False)]
             for number, part in enumerate(parts)]  # fmt: skip
     base, last = parts[BASE].server, parts[-1].server
     replaced = len({pid for part in parts for pid in part.workers}) - WORKERS
     ended = [job["state"] for caller in callers for job in caller.ended.values()]
     return f"""\
-{sum(caller.acknowledged for caller in callers):,} jobs (seed {seed}) on small meshes, 60 to 252 vertices, each another one, `samples` {SAMPLES["samples"]}, from {CALLERS} clients: uploads and
-queries, among them {ended.count("failed")} damaged files and {ended.count("cancelled")} cancelled jobs. The clients remove shapes so that the library stays at
-some {CALLERS * KEPT}. What is held after each tenth, when all its jobs have ended (own: what no other process has):
+{CALLERS} clients sent {sum(caller.acknowledged for caller in callers):,} jobs (seed {seed}) with different small meshes of 60 to 252 vertices and `samples` {SAMPLES["samples"]}: uploads and queries, among them {ended.count("failed")} damaged files and {ended.count("cancelled")} cancelled jobs. The clients remove shapes so that the library keeps about {CALLERS * KEPT}. Resources after each tenth of the jobs, when these jobs have ended (private: memory that no other process shares):
 
 {table(header, rows)}
 
-The server's own memory after the last tenth is {last.own / base.own:.3f} times that after the second. Workers are replaced where a running job is
-cancelled ({replaced} were seen to be). Faults (more than {GROWTH - 1:.0%} of growth or more than {MORE_HANDLES} handles from the second tenth to the last, more
-threads, wrong answers): {faults}."""  # noqa: E501
+The server's private memory after the last tenth is {last.own / base.own:.3f} times its private memory after the second tenth. The cancellation of a running job replaces its worker (seen {replaced} times). Faults (growth of more than {GROWTH - 1:.0%} or more than {MORE_HANDLES} file descriptors from the second tenth to the last, more threads, wrong answers): {faults}."""  # noqa: E501
 
 
 def _cells(of: Sequence[Footprint], *, resident: bool = True) -> list[str]:

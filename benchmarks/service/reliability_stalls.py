@@ -1,4 +1,4 @@
-"""How long a server keeps a probe waiting, whatever it is asked, with many shapes and a long history."""
+"""How long expensive requests delay a probe, on a server with many shapes and a long history."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ LARGE_BYTES: Final = 30 * 2**20
 READERS: Final = 60
 FEW: Final = quote('{"samples": 40}')
 LONGEST: Final = 0.25
-"""Seconds that any request may keep the probe waiting."""
+"""Longest allowed delay of the probe, in seconds."""
 
 BACK: Final = 1.2
-"""The server may hold so many times its first memory a minute after."""
+"""Allowed ratio of the server's memory one minute after the requests to its memory before them."""
 
 
 def stall(seed: int) -> Report:
-    """Ask a server for everything nasty, and watch a probe beside it."""
+    """Send expensive requests to a server, and measure the delays of a concurrent probe."""
     with TemporaryDirectory() as folder:
         ids, large = _fill(Path(folder) / "library.db", seed)
         progress("stalls: the library is filled")
@@ -62,18 +62,18 @@ def stall(seed: int) -> Report:
             after = _resident(server)
     faults = [f"{name}: a probe waited {took:.2f} s" for name, (took, _) in longest.items() if took > LONGEST]
     faults += [f"memory: {before:.0f} MB before, {after:.0f} MB a minute after"] * (after > BACK * before)
-    told = [[name, f"{took:.3f}", f"{lasted:.1f}"] for name, (took, lasted) in longest.items()]
+    rows = [[name, f"{took:.3f}", f"{lasted:.1f}"] for name, (took, lasted) in longest.items()]
     text = (
-        f"A server with 2 workers, {SHAPES:,} shapes and {JOBS:,} jobs of history. `/v1/livez` was asked a hundred "
-        "times a second beside each of these.\n\n"
-        + table(["asked beside it", "longest answer of the probe, s", "lasted, s"], told)
+        f"A server has 2 workers, {SHAPES:,} shapes and a history of {JOBS:,} jobs. A probe requested `/v1/livez` a "
+        "hundred times a second during each of these requests.\n\n"
+        + table(["concurrent request", "longest time of the probe, s", "duration, s"], rows)
         + f"\n\nMemory of the server: {before:.0f} MB before, {most:.0f} MB at most, {after:.0f} MB a minute after."
     )
     return Report(text, faults)
 
 
 def _fill(path: Path, seed: int) -> tuple[list[str], str]:
-    """Make a library of many shapes and answers; return ids of small shapes, and that of a large one."""
+    """Create a library of many shapes and jobs; return the ids of the small shapes and of the large shape."""
     few = Parameters(samples=40)
     packed = PackedSignature.of(compute_signature(read_mesh(small_mesh(0)), few))
     random = np.random.default_rng(seed)

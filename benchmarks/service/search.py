@@ -1,9 +1,10 @@
-"""Exact search in large libraries: the time of a query, compared with one read of its vectors, and with HTTP.
+"""Exact search in large libraries: the time of a query, compared with one read of the vectors, and over HTTP.
 
     python -m benchmarks.service.search [SHAPES]
 
-Up to SHAPES, a million by default, are made of random descriptors in a real library in the folder for temporary files;
-each takes two kilobytes there. Faiss takes part where it is installed. Writes "search" of docs/benchmarks.md.
+Creates a real library in the folder for temporary files, with up to SHAPES shapes (a million by default) of random
+descriptors; each shape takes two kilobytes. Includes Faiss if it is installed. Writes the section "search" of
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def classes_of(size: int) -> int:
 
 
 def library_of(folder: Path, size: int, random: np.random.Generator) -> Path:
-    """Make a library of `size` shapes in a new folder, and return that."""
+    """Create a library of `size` shapes in a new folder; return the folder."""
     folder.mkdir()
     with Library(str(folder / "library.db")) as library:
         fill(library, size, random)
@@ -89,7 +90,7 @@ def library_of(folder: Path, size: int, random: np.random.Generator) -> Path:
 
 
 def fill(library: Library, size: int, random: np.random.Generator) -> None:
-    """Add shapes until there are `size`."""
+    """Add shapes until the library has `size` shapes."""
     width, classes = compute_signature(sphere()).descriptors[DEFAULT_MEASURE].size, classes_of(size)
     for start in range(len(library), size, CHUNK):
         insert(library, random.normal(size=(min(CHUNK, size - start), width)), classes)
@@ -98,7 +99,7 @@ def fill(library: Library, size: int, random: np.random.Generator) -> None:
 
 
 def insert(library: Library, vectors: Floats, classes: int) -> None:
-    """Add a shape for each row of `vectors`, in one transaction and without the work of computing them."""
+    """Add a shape for each row of `vectors`, in one transaction and without computing signatures."""
     with library.store.write() as connection:
         connection.exec_driver_sql("UPDATE library_state SET revision = revision + 1")
         last = connection.exec_driver_sql("SELECT coalesce(max(seq), 0) FROM shapes").scalar_one()
@@ -113,7 +114,7 @@ def insert(library: Library, vectors: Floats, classes: int) -> None:
 
 
 def measure(library: Library, random: np.random.Generator) -> tuple[list[object], list[object]]:
-    """Return a row of each table."""
+    """Return one row for each table."""
     vectors, of_index = measure_index(library, random)
     query = signature_of(random.normal(size=vectors.shape[1]))
     library.rank(query)  # which loads the library's own index
@@ -126,7 +127,7 @@ def measure(library: Library, random: np.random.Generator) -> tuple[list[object]
 
 
 def measure_index(library: Library, random: np.random.Generator) -> tuple[Singles, list[str]]:
-    """Return the vectors, and what loading them and keeping them true to the store takes."""
+    """Return the vectors, and the costs of loading the index and keeping it current with the store."""
     index, before = SearchIndex(), resident_bytes()
     load = best_of(1, lambda: snapshot(library, index))
     vectors = snapshot(library, index).gallery.vectors
@@ -137,7 +138,7 @@ def measure_index(library: Library, random: np.random.Generator) -> tuple[Single
 
 
 def signature_of(vector: Floats) -> Signature:
-    """Return a signature that holds nothing but a descriptor."""
+    """Return a signature with only a descriptor."""
     points, faces = np.zeros((3, 3)), np.array([[0, 1, 2]])
     return Signature(points, faces, np.arange(3), np.full(3, 1 / 3), 1.0, 0.0, 0.0, {MEASURE.name: vector})
 
@@ -148,18 +149,18 @@ def snapshot(library: Library, index: SearchIndex) -> Snapshot:
 
 
 def seconds_to_append(library: Library, index: SearchIndex, vector: Floats) -> float:
-    """Return how long the index takes where one shape was added since it was last asked."""
+    """Return the time of a snapshot after one shape was added."""
     insert(library, vector, 1)
     return best_of(1, lambda: snapshot(library, index))
 
 
 def read(vectors: Singles, pool: ThreadPoolExecutor) -> float:
-    """Read all vectors once: NumPy's sum, on all threads."""
+    """Read all vectors once, by NumPy's sum on all threads."""
     return float(sum(pool.map(np.sum, np.array_split(vectors.reshape(-1), available_cores()))))
 
 
 def peer_functions(vectors: Singles, query: Singles) -> dict[str, Callable[[], Any]]:
-    """Return other ways to the same distances."""
+    """Return functions of other libraries that compute the same distances."""
     functions: dict[str, Callable[[], Any]] = {
         "NumPy": lambda: np.abs(vectors - query).sum(axis=1),
         "SciPy": lambda: cdist(query[None], vectors, "cityblock"),
@@ -178,7 +179,7 @@ def resident_bytes() -> int:
 
 
 def over_http(folders: dict[str, Path]) -> dict[str, float]:
-    """Return the median seconds of a request that does nothing, and of a query in each folder's library, in turns."""
+    """Return the median seconds of a trivial request and of a query in each folder's library, measured in turns."""
     with ExitStack() as stack:
         sends: dict[str, Callable[[], httpx.Response]] = {}
         for name, folder in folders.items():
@@ -196,8 +197,16 @@ def over_http(folders: dict[str, Path]) -> dict[str, float]:
 
 
 def text(ours: list[list[object]], others: list[list[object]], http: dict[str, float]) -> str:
-    header = ["shapes", "classes", "`Library.rank`, ms", "NumPy sum, ms", "ratio", "load, s", "resident bytes a shape"]
-    header += ["look for changes, µs", "with one shape to append, µs"]
+    header = [
+        "shapes",
+        "classes",
+        "`Library.rank`, ms",
+        "NumPy sum, ms",
+        "ratio",
+        "load, s",
+        "resident bytes per shape",
+    ]
+    header += ["check for changes, µs", "after one added shape, µs"]
     names = ["shapes", "NumPy, ms", "SciPy cdist, ms"]
     if importlib.util.find_spec("faiss"):
         names.append(f"Faiss {importlib.metadata.version('faiss-cpu')} IndexFlat, 10 nearest, ms")

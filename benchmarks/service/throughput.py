@@ -1,10 +1,10 @@
-"""Throughput of the service, compared with bare processes and a bare endpoint, and latency while it computes.
+"""Throughput of the service, compared with plain processes and a bare endpoint, and its latency while it computes.
 
     python -m benchmarks.service.throughput [MESHES]
 
-MESHES files of SHREC'11, 240 by default, are computed by two processes without a service, and by the service with two
-workers over HTTP, in turns. Then stored records are read, idle and while both workers compute, beside an endpoint of
-FastAPI's that returns such a record from memory. Writes "service" of docs/reliability.md.
+Two processes without a service, and the service with two workers over HTTP, compute MESHES files of SHREC'11 (240 by
+default) in turns. Then clients read stored records from an idle server, from a server whose workers all compute, and
+from a bare FastAPI endpoint that returns a record from memory. Writes the section "service" of docs/reliability.md.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def throughput(files: Sequence[Path], folder: Path) -> dict[str, list[float]]:
-    """Return meshes a second without and with the service, of each turn."""
+    """Return the meshes per second without and with the service, for each turn."""
     rates: dict[str, list[float]] = {"bare": [], "service": []}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(WORKERS, context, limit_process, (None,)) as bare:
@@ -79,7 +79,7 @@ def signature_of(path: Path) -> float:
 
 
 def upload_all(server: Server, files: Sequence[Path], parameters: dict[str, Any] | None = None) -> None:
-    """Upload every file and wait until each has a signature, on several connections."""
+    """Upload every file over several connections, and wait until each has a signature."""
     left = iter(files)
     lock = threading.Lock()
 
@@ -102,7 +102,7 @@ def upload_all(server: Server, files: Sequence[Path], parameters: dict[str, Any]
 
 
 def reading(folder: Path) -> tuple[dict[str, Readings], float]:
-    """Return readings of a bare endpoint, an idle server, and one that computes; and the first two rates' ratio."""
+    """Return readings of a bare endpoint, an idle server and a computing server, and the rate of idle over bare."""
     with Server(folder, workers=WORKERS) as server, server.http() as http:
         record = stored(http, small_mesh(1))
         path = f"/v1/shapes/{record['id']}"
@@ -126,7 +126,7 @@ def post_endless(server: Server, samples: int) -> str:
 
 
 class Readings:
-    """Seconds of many reads on one connection, and how many a second several connections got."""
+    """The seconds of many reads on one connection, and the reads per second on several connections."""
 
     def __init__(self, seconds: np.ndarray, rate: float) -> None:
         self.seconds, self.rate = seconds, rate
@@ -165,7 +165,7 @@ def read_many(url: str, path: str, count: int) -> None:
 
 @contextmanager
 def bare_endpoint(record: dict[str, Any]) -> Iterator[str]:
-    """Serve `record` from memory by FastAPI and uvicorn, and yield the address."""
+    """Serve `record` from memory with FastAPI and uvicorn, and yield the address."""
     command = [sys.executable, "-m", "benchmarks.service.bare", json.dumps(record)]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         try:

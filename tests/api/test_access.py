@@ -1,4 +1,4 @@
-"""Who may call: keys, scopes, limits, other sites' pages; and what is logged of it."""
+"""Access control: API keys, scopes, rate limits, cross-origin requests, and the audit log."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CLOSED = "default-src 'none'; frame-ancestors 'none'"
 
 @dataclass(frozen=True)
 class Keyed:
-    """A server whose library had keys when it began: so it may be bound to every address."""
+    """A server whose library has keys before it starts, so that it may listen on every address."""
 
     server: Server
     reader: str
@@ -59,7 +59,7 @@ def keyed(tmp_path_factory):
         yield Keyed(running, reader, writer)
 
 
-def test_a_call_without_a_key_is_told_that_it_needs_one(keyed):
+def test_a_request_without_a_key_is_refused(keyed):
     for method, path in [
         ("GET", "/v1/shapes"),
         ("POST", "/v1/shapes"),
@@ -71,13 +71,13 @@ def test_a_call_without_a_key_is_told_that_it_needs_one(keyed):
         assert response.headers["www-authenticate"] == 'Bearer realm="unbend"'
 
 
-def test_health_and_documents_need_no_key(keyed):
+def test_health_checks_and_documentation_need_no_key(keyed):
     for path in ("/v1/livez", "/docs", "/redoc", "/openapi.json"):
         assert keyed.call("GET", path).status_code == 200
     assert keyed.call("GET", "/v1/readyz").status_code in {200, 503}
 
 
-def test_a_read_key_reads_and_asks_and_does_nothing_else(keyed):
+def test_a_read_key_may_read_and_query_but_not_write(keyed):
     assert keyed.call("GET", "/v1/shapes", keyed.reader).status_code == 200
     check(keyed.call("POST", "/v1/queries", keyed.reader, json={"shape_id": "nobody"}), 404, "not_found")
     for method, path in [
@@ -89,7 +89,7 @@ def test_a_read_key_reads_and_asks_and_does_nothing_else(keyed):
         assert response.headers["www-authenticate"] == challenge
 
 
-def test_a_write_key_reads_and_writes(keyed):
+def test_a_write_key_may_read_and_write(keyed):
     assert keyed.call("GET", "/v1/shapes", keyed.writer).status_code == 200
     check(keyed.call("DELETE", "/v1/shapes/x", keyed.writer), 404, "not_found")
     files = {"file": ("x.ply", small_mesh(0))}
@@ -104,7 +104,7 @@ def test_a_write_key_reads_and_writes(keyed):
         "Bearer unbend_000000000000_{secret}", 'Bearer "{key}"', "Bearer Bearer {key}", "Bearer \xe9\xff",
     ],
 )  # fmt: skip
-def test_a_header_without_a_key_of_the_library_is_refused_in_the_same_words(keyed, header):
+def test_every_invalid_authorization_header_gets_the_same_answer(keyed, header):
     _, key_id, secret = keyed.writer.split("_", 2)
     sent = header.format(key=keyed.writer, id=key_id, secret=secret).encode("latin-1")
     with keyed.server.http() as api:
@@ -115,7 +115,7 @@ def test_a_header_without_a_key_of_the_library_is_refused_in_the_same_words(keye
     assert response.headers["www-authenticate"] == 'Bearer realm="unbend", error="invalid_token"'
 
 
-def test_the_scheme_may_be_written_in_any_case(keyed):
+def test_the_authorization_scheme_ignores_case(keyed):
     with keyed.server.http() as api:
         assert api.get("/v1/shapes", headers={"Authorization": f"bEARER  {keyed.reader}"}).status_code == 200
 
@@ -124,14 +124,14 @@ def test_a_key_of_another_library_is_refused(keyed, tmp_path):
     check(keyed.call("GET", "/v1/shapes", new_key(tmp_path / "other.db", "write")), 401, "key_invalid")
 
 
-def test_a_key_is_good_until_the_call_after_it_is_revoked(keyed):
+def test_a_revoked_key_is_refused_at_once(keyed):
     key = new_key(keyed.server.library)
     assert keyed.call("GET", "/v1/shapes", key).status_code == 200
     revoke(keyed.server.library, key)
     check(keyed.call("GET", "/v1/shapes", key), 401, "key_invalid")
 
 
-def test_no_byte_of_a_body_is_waited_for_without_a_key(keyed):
+def test_a_request_without_a_key_is_refused_before_its_body_arrives(keyed):
     address = urlsplit(keyed.server.url)
     connection = http.client.HTTPConnection(address.hostname, address.port, timeout=30)
     connection.putrequest("POST", "/v1/shapes")
@@ -141,7 +141,7 @@ def test_no_byte_of_a_body_is_waited_for_without_a_key(keyed):
     connection.close()
 
 
-def test_the_client_sends_its_key_and_says_what_is_wrong_with_one(keyed):
+def test_the_client_sends_its_key_and_raises_errors_of_access(keyed):
     with Client(keyed.server.url, keyed.reader) as client:
         assert client.request("GET", "/v1/shapes").status_code == 200
         with pytest.raises(ServiceError) as caught:
@@ -153,7 +153,7 @@ def test_the_client_sends_its_key_and_says_what_is_wrong_with_one(keyed):
 
 
 def audited(server: Server, path: str, count: int, job_id: str | None = None) -> list[dict]:
-    """The lines of the log about writes to `path`, when there are so many, and one of `job_id`."""
+    """Wait for `count` audit lines about `path`, one of them about `job_id` if given, and return the lines."""
     end = time.monotonic() + 10
     while time.monotonic() < end:
         lines = re.findall(r" INFO unbend\.audit: (\{.*\})(?: \[[^\]]*\])?$", server.log.read_text(), re.MULTILINE)
@@ -164,7 +164,7 @@ def audited(server: Server, path: str, count: int, job_id: str | None = None) ->
     raise AssertionError(server.log.read_text())
 
 
-def test_writes_and_attempts_are_logged_with_who_and_what_and_without_secrets(keyed):
+def test_the_audit_log_has_keys_and_outcomes_of_writes_but_no_secrets(keyed):
     path = "/v1/shapes/somebody"
     keyed.call("GET", path, keyed.writer)
     for key in (keyed.writer, keyed.reader, "unbend_x_y", None):
@@ -184,14 +184,14 @@ def test_writes_and_attempts_are_logged_with_who_and_what_and_without_secrets(ke
     assert all(key.split("_", 2)[2] not in text for key in (keyed.writer, keyed.reader))
 
 
-def test_a_path_cannot_forge_a_line_of_the_log(keyed):
+def test_a_path_cannot_forge_a_log_line(keyed):
     path = '/v1/shapes/a%0AINFO unbend.audit: {"key": "forged"}'
     keyed.call("DELETE", path)
     (line,) = audited(keyed.server, '/v1/shapes/a\nINFO unbend.audit: {"key": "forged"}', 1)
     assert line["key"] == "none"
 
 
-def test_a_server_closes_with_its_first_key_and_opens_to_this_machine_alone_after_the_last(tmp_path):
+def test_a_server_requires_keys_while_any_exist_and_otherwise_serves_only_this_machine(tmp_path):
     with Server(tmp_path, workers=1, ready=False) as running, running.http() as api:
         path = "/v1/shapes/x"
         assert api.get("/v1/shapes").status_code == 200
@@ -212,12 +212,12 @@ def test_a_server_closes_with_its_first_key_and_opens_to_this_machine_alone_afte
         with sqlite3.connect(running.library) as connection:
             connection.execute("DROP TABLE api_keys")
         connection.close()
-        response = api.get("/v1/shapes")  # nobody is let in when nobody can be asked
+        response = api.get("/v1/shapes")  # if keys cannot be checked, every request is refused
         check(response, 503, "store")
         assert ALWAYS.items() <= dict(response.headers).items()
 
 
-def test_a_server_that_was_told_to_be_open_serves_others(tmp_path):
+def test_an_open_server_serves_other_machines_by_allowed_host_names(tmp_path):
     settings = {"open": "true", "allowed_hosts": "unbend, Unbend.Example"}
     with Server(tmp_path, workers=1, ready=False, host="0.0.0.0", **settings) as running, running.http() as api:  # noqa: S104
         for known in ("unbend.example", "unbend:8000", "localhost:1234", "127.0.0.1", "[::1]:80", "203.0.113.7"):
@@ -240,7 +240,7 @@ def limited(tmp_path_factory):
         yield running
 
 
-def test_origins_named_may_read_answers_and_ask_before_they_send(limited):
+def test_allowed_origins_may_read_responses_and_send_preflight_requests(limited):
     with limited.http() as api:
         for origin in ("https://a.example", "http://b.example:8080"):
             response = api.get("/v1/shapes", headers={"Origin": origin})
@@ -256,22 +256,22 @@ def test_origins_named_may_read_answers_and_ask_before_they_send(limited):
         assert "access-control-allow-origin" not in other.headers
 
 
-def test_no_origin_is_named_by_default(server):
+def test_no_origin_is_allowed_by_default(server):
     with server.http() as api:
         response = api.get("/v1/shapes", headers={"Origin": "https://a.example"})
         assert not [name for name in response.headers if name.startswith("access-control")]
         wish = {"Access-Control-Request-Method": "GET", "Origin": "https://a.example"}
-        told = api.options("/v1/shapes", headers=wish)  # which methods there are, and no word that another site may
-        assert not [name for name in told.headers if name.startswith("access-control")]
+        reported = api.options("/v1/shapes", headers=wish)  # lists methods, but allows no origin
+        assert not [name for name in reported.headers if name.startswith("access-control")]
 
 
 def until_refused(api: httpx.Client, headers: dict[str, str] | None = None) -> httpx.Response:
-    """The first answer that is no success: more calls than the bucket holds, for it fills meanwhile."""
+    """Return the first refusal; it takes more requests than the bucket holds, because the bucket refills meanwhile."""
     answers = (api.get("/v1/classes", headers=headers) for _ in range(100))
     return next(answer for answer in answers if not answer.is_success)
 
 
-def test_calls_beyond_the_limit_wait_each_caller_for_its_own(limited):
+def test_each_caller_has_its_own_rate_limit(limited):
     with limited.http() as api:
         assert api.get("/v1/classes").status_code == 200
         response = until_refused(api)
@@ -284,10 +284,10 @@ def test_calls_beyond_the_limit_wait_each_caller_for_its_own(limited):
         others = {"Authorization": f"Bearer {new_key(limited.library)}"}
         assert api.get("/v1/classes", headers=others).status_code == 200
         with Client(limited.url, headers["Authorization"].split()[1]) as client:
-            assert client.request("GET", "/v1/classes").json() == {"items": []}  # it waits
+            assert client.request("GET", "/v1/classes").json() == {"items": []}  # the client waits and retries
 
 
-def test_every_answer_has_headers_that_keep_browsers_from_harm(server):
+def test_every_response_has_security_headers(server):
     with server.http() as api:
         for path, status in [("/v1/shapes", 200), ("/v1/shapes/x", 404), ("/v1/map?limit=0", 422), ("/nothing", 404)]:
             response = api.get(path)
@@ -300,7 +300,7 @@ def test_every_answer_has_headers_that_keep_browsers_from_harm(server):
 
 
 @pytest.mark.parametrize("page", ["/docs", "/docs/oauth2-redirect", "/redoc"])
-def test_a_page_of_the_documents_may_run_its_own_scripts_and_no_others(server, page):
+def test_a_documentation_page_may_run_only_its_own_scripts(server, page):
     with server.http() as api:
         response = api.get(page)
     assert ALWAYS.items() <= dict(response.headers).items()
@@ -312,7 +312,7 @@ def test_a_page_of_the_documents_may_run_its_own_scripts_and_no_others(server, p
     assert (policy["default-src"], policy["frame-ancestors"]) == ("'none'", "'none'")
 
 
-def test_a_call_within_the_process_needs_no_key_until_there_is_one(tmp_path):
+def test_a_request_within_the_process_needs_a_key_only_if_keys_exist(tmp_path):
     path = str(tmp_path / "inside.db")
     app = create_app(Settings(library=path, workers=1))
 

@@ -1,4 +1,4 @@
-"""Backups that a server makes: at intervals, and for who asks over HTTP."""
+"""Backups that a server makes: at intervals, and on request over HTTP."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_scheduled_backups_survive_a_backup_that_vanishes(tmp_path, monkeypatch)
         asyncio.run(run(library))
 
 
-def test_a_backup_over_http_is_sound_and_leaves_nothing(tmp_path):
+def test_a_backup_over_http_is_valid_and_leaves_no_temporary_file(tmp_path):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         shape = stored(http, small_mesh(1), parameters=FEW, label="ring")
         response = http.post("/v1/backups")
@@ -65,7 +65,7 @@ def test_a_backup_over_http_is_sound_and_leaves_nothing(tmp_path):
         assert library.mesh(shape["id"]) == small_mesh(1)
 
 
-def test_a_backup_over_http_needs_a_key_that_writes(tmp_path):
+def test_a_backup_over_http_needs_a_write_key(tmp_path):
     with Library(str(tmp_path / "library.db")) as library:
         read, write = (library.keys.create(scope, scope)[1] for scope in ("read", "write"))
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as http:
@@ -74,7 +74,7 @@ def test_a_backup_over_http_needs_a_key_that_writes(tmp_path):
         assert http.post("/v1/backups", headers={"Authorization": f"Bearer {write}"}).status_code == 200
 
 
-def test_backups_are_made_at_intervals_and_the_newest_are_kept(tmp_path):
+def test_scheduled_backups_keep_only_the_newest(tmp_path):
     folder = tmp_path / "backups"
     folder.mkdir()
     (folder / "unbend-20200101T000000Z.db").write_bytes(b"old")
@@ -93,10 +93,10 @@ def test_backups_are_made_at_intervals_and_the_newest_are_kept(tmp_path):
     assert (folder / "mine.db").read_bytes() == b"not the server's"
     before = backups_in(folder)
     with Server(tmp_path, workers=1, **settings | {"backup_hours": 24}):
-        assert backups_in(folder) == before  # those from before count
+        assert backups_in(folder) == before  # the last backup of the previous server is recent enough
 
 
 @pytest.mark.parametrize("folder", ["nowhere"])
-def test_a_folder_that_is_not_there_is_refused_at_the_start(tmp_path, folder):
+def test_a_server_does_not_start_if_its_backup_folder_is_missing(tmp_path, folder):
     with pytest.raises(RuntimeError, match="there is no folder"):
         Server(tmp_path, workers=1, backup_folder=tmp_path / folder)

@@ -1,4 +1,4 @@
-"""The files of `mesh_cases` over HTTP: stored with the area they should have, or refused by the same sentence."""
+"""The files of `mesh_cases` over HTTP: each is stored with its area, or refused with its message."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def http(server):
         yield client
 
 
-def test_every_case_is_stored_with_its_area(http):
+def test_every_valid_mesh_file_is_stored_with_its_area(http):
     posted = {name: post_mesh(http, (CASES / name).read_bytes(), parameters='{"samples": 4}') for name in AREAS}
     for name, answer in posted.items():
         job = ended(http, answer)
@@ -24,7 +24,7 @@ def test_every_case_is_stored_with_its_area(http):
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_case_that_is_not_read_says_why(http, name):
+def test_every_unreadable_mesh_file_is_refused_with_its_message(http, name):
     answer = post_mesh(http, (CASES / name).read_bytes())
     assert answer.status_code == 415
     assert REFUSED[name] in answer.json()["detail"]

@@ -1,4 +1,4 @@
-"""Records that know when they changed: ETag, If-None-Match, If-Match, and look-up by hash."""
+"""Conditional requests (ETag, If-None-Match, If-Match), and finding shapes by the hash of their file."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def http(tmp_path_factory):
         yield client
 
 
-def test_a_record_has_another_tag_after_each_change_and_only_then(http):
+def test_the_etag_of_a_shape_changes_exactly_when_the_shape_changes(http):
     record = stored(http, small_mesh(1), parameters=FEW)
     path = f"/v1/shapes/{record['id']}"
     first = http.get(path)
     tag = first.headers["etag"]
     assert record["updated_at"] == record["created_at"]
-    stored(http, small_mesh(2), parameters=FEW)  # of another shape
+    stored(http, small_mesh(2), parameters=FEW)  # storing another shape changes nothing
     unchanged = http.get(path, headers={"If-None-Match": f'"other", {tag}'})
     assert (unchanged.status_code, unchanged.content, unchanged.headers["etag"]) == (304, b"", tag)
     changed = http.patch(path, json={"label": "cat"})

@@ -1,4 +1,4 @@
-"""The OpenAPI document and the pages made of it."""
+"""The OpenAPI document and the documentation pages."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def document(http) -> dict:
     return http.get("/openapi.json").raise_for_status().json()
 
 
-def test_the_served_document_is_the_codes_and_the_committed_one(document):
+def test_the_served_document_equals_the_generated_and_the_committed_one(document):
     assert document == json.loads(json.dumps(create_app().openapi()))
     assert document == json.loads(COMMITTED.read_text())
 
 
 @pytest.mark.parametrize("page", ["/docs", "/redoc"])
-def test_the_pages_of_the_document_need_nothing_from_elsewhere(http, page):
+def test_the_documentation_pages_load_nothing_from_other_hosts(http, page):
     response = http.get(page)
     assert response.status_code == 200
     assert not re.search(r"""(src|href|url)\s*[=:(]\s*["']?(https?:)?//""", response.text)
@@ -50,7 +50,7 @@ def test_the_pages_of_the_document_need_nothing_from_elsewhere(http, page):
         assert not re.search(r"url\(\s*[\"']?(https?:)?//", http.get(sheet).text)
 
 
-def test_the_root_leads_somewhere(http):
+def test_the_root_redirects_to_a_page(http):
     assert http.get("/", follow_redirects=True).status_code == 200
 
 
@@ -60,7 +60,7 @@ def operations(document: dict):
             yield path, method, operation
 
 
-def test_every_documented_call_answers_as_documented(http, document):
+def test_every_documented_operation_answers_with_a_documented_status(http, document):
     asked = 0
     for path, method, operation in operations(document):
         url = re.sub(r"\{\w+\}", "nobody", path)
@@ -74,19 +74,19 @@ def test_every_documented_call_answers_as_documented(http, document):
     assert asked >= 17
 
 
-def test_every_call_says_what_it_does_and_every_error_is_a_problem(document):
+def test_every_operation_has_a_description_and_every_error_is_a_problem(document):
     for path, method, operation in operations(document):
         assert operation["description"], (method, path)
         for status, response in operation["responses"].items():
             if int(status) >= 400:
                 assert response == {"$ref": f"#/components/responses/{status}"}
-                told = document["components"]["responses"][status]
-                reference = told["content"]["application/problem+json"]["schema"]["$ref"]
+                reported = document["components"]["responses"][status]
+                reference = reported["content"]["application/problem+json"]["schema"]["$ref"]
                 assert reference == "#/components/schemas/Problem"
     assert "HTTPValidationError" not in json.dumps(document)
 
 
-def test_every_reference_of_the_document_leads_somewhere(document):
+def test_every_reference_of_the_document_resolves(document):
     references = set(re.findall(r'"\$ref": "#/([^"]+)"', json.dumps(document)))
     assert references
     for reference in references:
@@ -95,7 +95,7 @@ def test_every_reference_of_the_document_leads_somewhere(document):
             place = place[part]
 
 
-def test_every_link_of_the_document_leads_to_a_call_and_its_parameters(document):
+def test_every_link_of_the_document_names_an_operation_and_its_parameters(document):
     calls = {call["operationId"]: call for _, _, call in operations(document)}
     assert len(calls) == sum(1 for _ in operations(document))
     links = [
@@ -113,12 +113,12 @@ def test_every_link_of_the_document_leads_to_a_call_and_its_parameters(document)
         assert needed <= given <= known
 
 
-def test_the_documented_defaults_are_those_of_the_code():
+def test_the_documented_defaults_equal_the_defaults_of_the_code():
     assert ParametersFields().model_dump() == asdict(Parameters())
     assert PolicyFields().model_dump() == MeshPolicy().as_dict()
 
 
-def test_the_example_of_a_file_is_a_mesh():
+def test_the_example_file_is_a_mesh():
     (example,) = FILE["examples"]
     assert len(read_mesh(example.encode()).faces) == 4
 
@@ -135,7 +135,7 @@ def test_the_example_of_a_file_is_a_mesh():
         ({"threshold": 1.0}, False),
     ],
 )
-def test_what_the_schema_of_parameters_allows_is_what_is_taken(chosen, allowed):
+def test_the_schema_of_parameters_allows_exactly_what_the_code_accepts(chosen, allowed):
     assert jsonschema_rs.is_valid(ParametersFields.model_json_schema(), chosen) == allowed
     if allowed:
         Parameters(**chosen)

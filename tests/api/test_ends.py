@@ -1,4 +1,4 @@
-"""How servers begin and end: ports, second servers, signals to all, files that go, and disks that are full."""
+"""How servers start and stop: ports, second servers, signals, removed libraries, and full disks."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def until(reached, seconds: float = PATIENCE) -> None:
 
 
 def serve(folder, *options: str) -> subprocess.CompletedProcess[str]:
-    """A server that is expected to end by itself."""
+    """Run `unbend serve`, which is expected to exit by itself."""
     command = [sys.executable, "-m", "unbend", "serve", "--library", str(folder / "library.db"), *options]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=PATIENCE, env=without_settings(), cwd=folder, check=False
     )
 
 
-def test_a_second_server_is_refused_and_takes_no_job_over(tmp_path):
+def test_a_second_server_on_one_library_exits_and_takes_no_job(tmp_path):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         accepted = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS))
         url = accepted.headers["Location"]
@@ -66,7 +66,7 @@ def test_a_second_server_is_refused_and_takes_no_job_over(tmp_path):
         http.delete(url)
 
 
-def test_a_port_in_use_ends_the_command_before_the_library_is_touched(tmp_path):
+def test_a_port_in_use_ends_the_command_before_it_creates_the_library(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         refused = serve(tmp_path, "--port", str(port))
@@ -77,7 +77,7 @@ def test_a_port_in_use_ends_the_command_before_the_library_is_touched(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_to_all_processes_lets_running_jobs_end(tmp_path, number):
+def test_a_signal_to_all_processes_lets_running_jobs_finish(tmp_path, number):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         job = post_mesh(http, medium_mesh()).json()
         until(lambda: http.get(f"/v1/jobs/{job['id']}").json()["state"] == "running")
@@ -89,7 +89,7 @@ def test_a_signal_to_all_processes_lets_running_jobs_end(tmp_path, number):
         assert (found["state"], found["attempts"]) == ("succeeded", 1)
 
 
-def test_a_second_interrupt_ends_a_server_at_once_and_its_job_is_done_by_the_next(tmp_path):
+def test_repeated_interrupts_end_a_server_at_once_and_the_next_server_runs_its_job(tmp_path):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         job = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS)).json()
         until(lambda: http.get(f"/v1/jobs/{job['id']}").json()["state"] == "running")
@@ -106,7 +106,7 @@ def test_a_second_interrupt_ends_a_server_at_once_and_its_job_is_done_by_the_nex
         http.delete(f"/v1/jobs/{job['id']}")
 
 
-def test_a_worker_that_stands_still_costs_no_job(tmp_path):
+def test_a_stopped_worker_is_replaced_and_its_job_succeeds(tmp_path):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         for pid in server.workers():
             os.kill(pid, signal.SIGSTOP)
@@ -114,7 +114,7 @@ def test_a_worker_that_stands_still_costs_no_job(tmp_path):
         assert (job["state"], job["attempts"]) == ("succeeded", 1)
 
 
-def test_a_library_that_was_removed_is_noticed_and_takes_nothing(tmp_path):
+def test_a_server_whose_library_was_removed_refuses_requests(tmp_path):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         ended(http, post_mesh(http, small_mesh(1), parameters=FEW))
         server.library.rename(server.library.with_suffix(".old"))
@@ -129,7 +129,7 @@ def test_a_library_that_was_removed_is_noticed_and_takes_nothing(tmp_path):
     assert not server.library.exists()
 
 
-def test_a_full_disk_refuses_uploads_lets_shapes_go_and_the_server_end(tmp_path):
+def test_a_server_on_a_full_disk_refuses_uploads_but_can_remove_shapes_and_stop(tmp_path):
     folder = tmp_path / "disk"
     folder.mkdir()
     try:
@@ -138,19 +138,19 @@ def test_a_full_disk_refuses_uploads_lets_shapes_go_and_the_server_end(tmp_path)
             Server(folder, workers=1, reserve_mb=8, max_upload_mb=4) as server,
             server.http() as http,
         ):
-            uploads_at_a_full_disk(http, folder)
+            check_full_disk(http, folder)
             server.process.send_signal(signal.SIGTERM)
             server.process.wait(30)
     except PermissionError:
         pytest.skip("only root can mount a disk of its own")
 
 
-def uploads_at_a_full_disk(http, folder) -> None:
+def check_full_disk(http, folder) -> None:
     first = ended(http, post_mesh(http, small_mesh(1), parameters=FEW))["shape_id"]
     running = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS)).headers["Location"]
     until(lambda: http.get(running).json()["state"] == "running")
     other = folder / "other"
-    with other.open("wb") as file:  # somebody else fills the disk
+    with other.open("wb") as file:  # another program fills the disk
         try:
             while True:
                 file.write(bytes(2**16))
@@ -172,7 +172,7 @@ def uploads_at_a_full_disk(http, folder) -> None:
     assert ended(http, post_mesh(http, small_mesh(2), parameters=FEW))["state"] == "succeeded"
 
 
-def test_a_full_folder_for_temporary_files_is_told(tmp_path):
+def test_an_upload_fails_with_a_clear_error_when_the_temporary_folder_is_full(tmp_path):
     folder = tmp_path / "temporary"
     folder.mkdir()
     large = {"files": {"file": ("m.ply", bytes(6 * 2**20))}}
@@ -186,7 +186,7 @@ def test_a_full_folder_for_temporary_files_is_told(tmp_path):
         pytest.skip("only root can mount a disk of its own")
 
 
-def test_a_long_job_says_each_second_that_it_goes_on(tmp_path):
+def test_a_long_job_updates_its_progress_at_least_every_five_seconds(tmp_path):
     with Server(tmp_path, workers=1) as server, server.http() as http:
         url = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS)).headers["Location"]
         seen: list[float] = []

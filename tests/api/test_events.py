@@ -1,4 +1,4 @@
-"""A job's events: each change once, over as many connections as it takes, and an end."""
+"""The event stream of a job: each change is sent once, also across reconnections, and the stream ends with the job."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from unbend.library.requests import ShapeRequest, Upload
 from unbend.progress import STAGES
 
 FEW = '{"samples": 27}'
-"""Parameters that no other test of the shared server has."""
+"""Parameters that no other test on the shared server uses."""
 PATIENCE = 60.0
 ORDER = ("queued", *STAGES, "done")
 
@@ -44,7 +44,7 @@ def http(server) -> Iterator[httpx.Client]:
 
 
 def parsed(lines: Iterator[str]) -> Iterator[tuple[int, dict]]:
-    """The events of a stream as (id, job)."""
+    """Yield the events of a stream as (id, job)."""
     fields: dict[str, str] = {}
     for line in lines:
         if line:
@@ -56,8 +56,8 @@ def parsed(lines: Iterator[str]) -> Iterator[tuple[int, dict]]:
             fields = {}
 
 
-def heard(http: httpx.Client, url: str, last: int | None = None) -> list[tuple[int, dict]]:
-    """All events of a job from now, or from `last`, to its end."""
+def read_events(http: httpx.Client, url: str, last: int | None = None) -> list[tuple[int, dict]]:
+    """Return all events of a job to its end, from now or after the event `last`."""
     headers = {} if last is None else {"Last-Event-ID": str(last)}
     with http.stream("GET", f"{url}/events", headers=headers) as response:
         assert response.status_code == 200
@@ -69,21 +69,21 @@ def endless(http: httpx.Client, dimensions: int) -> str:
     return post_mesh(http, endless_mesh(), parameters=parameters).headers["Location"]
 
 
-def test_each_change_is_an_event_and_the_end_is_the_last(http):
+def test_each_change_of_a_job_is_one_event_and_the_last_event_is_its_end(http):
     url = post_mesh(http, medium_mesh(), parameters='{"samples": 301}').headers["Location"]
     begun = time.monotonic()
-    told = heard(http, url)
+    reported = read_events(http, url)
     seconds = time.monotonic() - begun
-    ids, jobs = [number for number, _ in told], [job for _, job in told]
+    ids, jobs = [number for number, _ in reported], [job for _, job in reported]
     assert ids == sorted(set(ids))
     places = [(ORDER.index(job["stage"]), job["progress"]) for job in jobs]
     assert places == sorted(set(places))
     assert [job["state"] for job in jobs].count("succeeded") == 1
     assert jobs[-1] == http.get(url).json()
-    assert len(told) <= 4 * seconds + 3  # the first, the beginning and the end do not wait
+    assert len(reported) <= 4 * seconds + 3  # only the first event, the start and the end are not rate-limited
 
 
-def test_no_proxy_may_keep_or_hold_back_events_and_the_listener_is_told_when_to_come_back(http):
+def test_event_streams_forbid_caching_and_buffering_and_set_the_retry_time(http):
     url = ended(http, post_mesh(http, small_mesh(1), parameters=FEW))["id"]
     response = http.get(f"/v1/jobs/{url}/events")
     assert response.headers["content-type"] == "text/event-stream; charset=utf-8"
@@ -91,25 +91,25 @@ def test_no_proxy_may_keep_or_hold_back_events_and_the_listener_is_told_when_to_
     assert response.text.startswith("retry: 2000\n\nid: ")
 
 
-def test_an_ended_job_is_one_event_and_then_nothing(http):
+def test_the_stream_of_an_ended_job_has_one_event(http):
     job = ended(http, post_mesh(http, DAMAGED, file_name="bad.off"))
     url = f"/v1/jobs/{job['id']}"
-    ((number, told),) = heard(http, url)
-    assert told == job
-    assert told["error"]["code"] == "mesh_read"
+    ((number, reported),) = read_events(http, url)
+    assert reported == job
+    assert reported["error"]["code"] == "mesh_read"
     again = http.get(f"{url}/events", headers={"Last-Event-ID": str(number)})
     assert (again.status_code, again.content) == (204, b"")
 
 
 @pytest.mark.parametrize("last", ["", "x", "-1", "9" * 5000, "1.5"])
-def test_an_id_that_is_nobodys_does_no_harm(http, last):
+def test_an_invalid_last_event_id_is_ignored(http, last):
     shape = stored(http, small_mesh(2), parameters=FEW)
     job = next(job for job in http.get("/v1/jobs").json()["items"] if job["shape_id"] == shape["id"])
     response = http.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": last})
-    assert [told for _, told in parsed(iter(response.text.split("\n")))] == [job | {"result": None}]
+    assert [reported for _, reported in parsed(iter(response.text.split("\n")))] == [job | {"result": None}]
 
 
-def test_no_such_job_is_a_problem(http):
+def test_events_of_an_unknown_job_are_not_found(http):
     response = http.get("/v1/jobs/nobody/events")
     assert response.status_code == 404
     assert response.headers["content-type"] == "application/problem+json"
@@ -122,17 +122,17 @@ def test_line_separators_in_names_do_not_break_events(http):
     stored(http, small_mesh(3), parameters=own, name=name)
     files = {"file": ("mesh.ply", small_mesh(3))}
     url = http.post("/v1/queries", files=files, data={"parameters": own}).headers["Location"]
-    told = heard(http, url)
-    assert told[-1][1]["result"]["shapes"][0]["name"] == name
+    reported = read_events(http, url)
+    assert reported[-1][1]["result"]["shapes"][0]["name"] == name
 
 
-def test_several_listeners_hear_the_end_of_a_cancelled_job_and_nothing_twice(http, server):
+def test_every_listener_receives_the_end_of_a_cancelled_job_once(http, server):
     url = endless(http, 6)
-    told: list[list[tuple[int, dict]]] = [[], [], []]
+    reported: list[list[tuple[int, dict]]] = [[], [], []]
 
     def listen(number: int) -> None:
         with server.http() as own:
-            told[number] = heard(own, url)
+            reported[number] = read_events(own, url)
 
     listeners = [threading.Thread(target=listen, args=(number,)) for number in range(3)]
     for listener in listeners:
@@ -141,15 +141,15 @@ def test_several_listeners_hear_the_end_of_a_cancelled_job_and_nothing_twice(htt
     assert http.delete(url).json()["state"] == "cancelled"
     for listener in listeners:
         listener.join(PATIENCE)
-    for events_heard in told:
-        states = [job["state"] for _, job in events_heard]
+    for received in reported:
+        states = [job["state"] for _, job in received]
         assert states[-1] == "cancelled"
         assert not {"cancelled"} & set(states[:-1])
-        assert len({number for number, _ in events_heard}) == len(events_heard)
-    assert len({events_heard[-1][0] for events_heard in told}) == 1
+        assert len({number for number, _ in received}) == len(received)
+    assert len({received[-1][0] for received in reported}) == 1
 
 
-def test_a_listener_that_comes_back_hears_what_it_has_not_and_one_that_goes_away_is_gone(http):
+def test_a_stream_resumes_after_the_last_event_id_and_closes_with_its_client(http):
     url = endless(http, 7)
     try:
         with http.stream("GET", f"{url}/events") as response:
@@ -165,7 +165,7 @@ def test_a_listener_that_comes_back_hears_what_it_has_not_and_one_that_goes_away
         http.delete(url)
 
 
-def test_a_stopping_server_ends_the_stream_and_the_next_one_goes_on(tmp_path):
+def test_a_stopping_server_ends_the_stream_and_the_next_server_resumes_it(tmp_path):
     with Server(tmp_path, workers=1, drain_seconds=0) as first, first.http() as http:
         url = endless(http, 3)
         with http.stream("GET", f"{url}/events") as response:
@@ -173,7 +173,7 @@ def test_a_stopping_server_ends_the_stream_and_the_next_one_goes_on(tmp_path):
             last = next(number for number, job in stream if job["stage"] == "geodesics")
             begun = time.monotonic()
             first.process.send_signal(signal.SIGTERM)
-            for number, job in stream:  # ends without an error, and not by being cut off
+            for number, job in stream:  # the server ends the stream properly, so this loop raises no error
                 assert job["state"] == "running"
                 last = number
             assert time.monotonic() - begun < 3.0

@@ -1,4 +1,4 @@
-"""What goes wrong within is told as a problem of the one shape, and without a word of what is within."""
+"""Internal errors are problem documents that reveal nothing internal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STATUSES = {
     "store_in_use": 503, "store_lost": 503, "store_version": 503, "temporary_full": 507, "unsuited": 409,
     "upload_too_large": 413, "upload_too_slow": 408, "worker_lost": 500,
 }  # fmt: skip
-"""Of every error of the package, by its code: programs go by these."""
+"""The HTTP status of every error of the package, by its code: clients depend on both."""
 
 
 def every_error(kind: type[UnbendError] = UnbendError) -> Iterator[type[UnbendError]]:
@@ -33,7 +33,7 @@ def every_error(kind: type[UnbendError] = UnbendError) -> Iterator[type[UnbendEr
         yield from every_error(child)
 
 
-def test_every_error_has_its_status():
+def test_every_error_has_its_http_status():
     assert {kind.code: status_of(kind("what happened")) for kind in every_error()} == STATUSES
 
 
@@ -57,32 +57,32 @@ CALLS = [
 ]  # fmt: skip
 
 
-def test_a_store_that_lost_a_table_is_told_and_nothing_of_it(own_server):
+def test_a_damaged_store_is_reported_without_internal_details(own_server):
     broken(own_server, "DROP TABLE shapes")
     with own_server.http() as http:
         for method, path in CALLS:
             body = {"POST": {"shape_id": "x"}, "PATCH": {"name": "x"}}.get(method)
             response = http.request(method, path, json=body)
             problem = check(response, 503, "store")
-            nothing_within(own_server, response.text)
+            check_nothing_internal(own_server, response.text)
             assert problem["detail"] == "the library's store cannot be used"
             assert response.headers["x-request-id"] in own_server.log.read_text()
         check(post_mesh(http, small_mesh(0)), 503, "store")
         assert http.get("/v1/livez").status_code == 200
-    assert "no such table: shapes" in own_server.log.read_text()  # where those who run it find out
+    assert "no such table: shapes" in own_server.log.read_text()  # the log has the cause
 
 
-def test_keys_that_cannot_be_looked_up_let_nobody_in(own_server):
+def test_requests_are_refused_when_keys_cannot_be_looked_up(own_server):
     broken(own_server, "DROP TABLE api_keys")
     with own_server.http() as http:
         for method, path in CALLS:
             response = http.request(method, path, headers={"Authorization": "Bearer unbend_x"})
             check(response, 503, "store")
-            nothing_within(own_server, response.text)
+            check_nothing_internal(own_server, response.text)
 
 
-def test_what_nobody_foresaw_is_told_by_the_request_alone(own_server):
-    # a time that is none cannot come about: the store is sound, and the code meets what it does not expect
+def test_an_unexpected_error_reveals_only_the_request_id(own_server):
+    # An invalid time in a sound store stands for an error that the code does not expect.
     with own_server.http() as http:
         job = post_mesh(http, small_mesh(0)).json()
         broken(own_server, f"UPDATE jobs SET created_at = 'never' WHERE id = '{job['id']}'")  # noqa: S608
@@ -94,10 +94,10 @@ def test_what_nobody_foresaw_is_told_by_the_request_alone(own_server):
     }  # fmt: skip
     assert response.headers["content-type"] == MEDIA_TYPE
     assert response.headers["x-request-id"] == "the-one"
-    nothing_within(own_server, response.text)
+    check_nothing_internal(own_server, response.text)
     assert "Traceback" in own_server.log.read_text()
 
 
-def nothing_within(server: Server, text: str) -> None:
+def check_nothing_internal(server: Server, text: str) -> None:
     for word in ("SELECT", "sqlite", "sqlalchemy", "Traceback", ".py", "table", "never", str(server.library)):
         assert word not in text, word

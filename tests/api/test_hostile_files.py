@@ -1,4 +1,4 @@
-"""Files made to harm: bombs, files that name other files, names that are paths. Each is refused, or does nothing."""
+"""Malicious uploads: decompression bombs, files that refer to other files, and file names that are paths."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def client(server) -> Iterator[httpx.Client]:
 
 
 class Canary(http.server.BaseHTTPRequestHandler):
-    """Answers with the data of `triangle_layout`, and remembers who asked."""
+    """Answers with the data of `triangle_layout`, and records the requested paths."""
 
     asked: list[str]
 
@@ -52,7 +52,7 @@ class Canary(http.server.BaseHTTPRequestHandler):
 
 @pytest.fixture
 def canary() -> Iterator[tuple[str, list[str]]]:
-    """The address of a server that holds what a file leaves out, and the list of what was asked of it."""
+    """The address of a server that has a file's missing data, and the list of paths requested from it."""
     asked: list[str] = []
     handler = type("Asked", (Canary,), {"asked": asked})
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as served:
@@ -64,7 +64,7 @@ def canary() -> Iterator[tuple[str, list[str]]]:
 
 
 def failure(client: httpx.Client, data: bytes, file_name: str) -> dict:
-    """The error of the job that an upload became."""
+    """Upload a file; return the error of its job."""
     job = ended(client, post_mesh(client, data, file_name=file_name, parameters=FEW))
     assert job["state"] == "failed", job
     assert job["attempts"] == 1
@@ -107,23 +107,23 @@ PACKED = {
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
 @pytest.mark.parametrize("file_name", ["mesh.zip", "mesh.off", "mesh"])
 @pytest.mark.parametrize("packing", PACKED)
-def test_packed_files_are_refused_whatever_they_are_called(client, packing, file_name, path):
+def test_compressed_files_are_refused_under_any_name(client, packing, file_name, path):
     response = client.post(path, files={"file": (file_name, PACKED[packing])})
     assert packing in check(response, 415, "mesh_format")["detail"]
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
-def test_a_packed_request_is_not_unpacked(client, path):
+def test_a_compressed_request_body_is_refused(client, path):
     request = client.build_request("POST", path, files={"file": ("mesh.off", OFF)})
     headers = {"Content-Type": request.headers["content-type"], "Content-Encoding": "gzip"}
     check(client.post(path, content=gzip.compress(request.read()), headers=headers), 400, "bad_request")
 
 
-def test_a_layout_of_glb_without_its_binary_form_is_refused(client):
+def test_gltf_as_json_is_refused(client):
     check(post_mesh(client, b'{"asset": {"version": "2.0"}}', file_name="mesh.gltf"), 415, "mesh_format")
 
 
-# Few bytes that ask for many
+# Small files that announce huge ones
 
 
 def without_data(**more: object) -> list[dict]:
@@ -190,15 +190,15 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_few_bytes_that_ask_for_many_are_refused(client, bomb):
+def test_small_files_that_announce_huge_meshes_are_refused(client, bomb):
     data, code = BOMBS[bomb]
     assert failure(client, data, f"mesh.{bomb.split()[0]}")["code"] == code
 
 
-# Files that name others
+# Files that refer to other files
 
 
-def test_a_glb_with_its_data_in_another_file_is_refused_and_nothing_is_opened(client, canary, tmp_path):
+def test_a_glb_with_external_data_is_refused_and_the_data_is_not_opened(client, canary, tmp_path):
     address, asked = canary
     layout, data = triangle_layout()
     path = tmp_path / "data.bin"
@@ -210,7 +210,7 @@ def test_a_glb_with_its_data_in_another_file_is_refused_and_nothing_is_opened(cl
     assert asked == []
 
 
-def test_files_named_for_textures_and_materials_are_not_opened(client, canary, tmp_path):
+def test_external_textures_and_materials_are_not_opened(client, canary, tmp_path):
     address, asked = canary
     path = tmp_path / "more.obj"
     path.write_bytes(OBJ.replace(b"1", b"7") + OBJ)
@@ -251,7 +251,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("file_name", NAMES, ids=lambda name: repr(name[:20]))
-def test_a_name_is_a_name_and_never_a_path_or_a_header(client, server, file_name):
+def test_an_uploaded_file_name_is_never_used_as_a_path_or_header(client, server, file_name):
     before = {path.name for path in server.library.parent.iterdir()}
     data = small_mesh(300 + list(NAMES).index(file_name))
     response = post_named(client, file_name, data)
@@ -262,7 +262,7 @@ def test_a_name_is_a_name_and_never_a_path_or_a_header(client, server, file_name
     assert {path.name for path in server.library.parent.iterdir()} == before
 
 
-def test_a_name_longer_than_any_is_refused_or_cut(client):
+def test_an_overlong_file_name_is_refused_or_cut(client):
     response = post_named(client, b"x" * 10_000 + b".ply", small_mesh(330))
     if response.status_code == 400:
         check(response, 400, "bad_request")
@@ -273,7 +273,7 @@ def test_a_name_longer_than_any_is_refused_or_cut(client):
 
 @pytest.mark.parametrize("number", range(3))
 @pytest.mark.parametrize("via", ["field", "patch"])
-def test_a_name_given_cannot_be_a_header_either(client, number, via):
+def test_the_name_of_a_shape_is_never_used_as_a_header(client, number, via):
     name = ("a\r\nSet-Cookie: a=b", "a\0/../b\n\n<script>", '"; filename="evil.exe')[number]
     data = small_mesh(340 + number)
     if via == "field":
@@ -286,7 +286,7 @@ def test_a_name_given_cannot_be_a_header_either(client, number, via):
     check_download(client, shape_id, data)
 
 
-def test_a_name_that_is_no_text_is_refused(client):
+def test_a_name_that_is_not_valid_unicode_is_refused(client):
     shape_id = stored(client, small_mesh(350), parameters=FEW)["id"]
     headers = {"Content-Type": "application/json"}
     response = client.patch(f"/v1/shapes/{shape_id}", content=b'{"name": "\\ud800"}', headers=headers)
@@ -294,13 +294,13 @@ def test_a_name_that_is_no_text_is_refused(client):
 
 
 @pytest.mark.parametrize("shape_id", ["..%2f..%2fetc%2fpasswd", "%2e%2e", "a%00b", "x" * 5000, "' OR 1=1 --"])
-def test_a_path_for_an_id_is_not_found(client, shape_id):
+def test_a_path_in_place_of_an_id_is_not_found(client, shape_id):
     for kind in ("shapes", "jobs"):
         check(client.get(f"/v1/{kind}/{shape_id}"), 404, "not_found")
 
 
 def post_named(client: httpx.Client, file_name: bytes, data: bytes) -> httpx.Response:
-    """Upload with a file name as it stands: clients would escape it."""
+    """Upload with an unescaped file name, which HTTP clients would escape."""
     head = b'--b\r\nContent-Disposition: form-data; name="file"; filename="' + file_name + b'"\r\n\r\n'
     parameters = b'\r\n--b\r\nContent-Disposition: form-data; name="parameters"\r\n\r\n' + FEW.encode()
     body = head + data + parameters + b"\r\n--b--\r\n"
@@ -308,20 +308,20 @@ def post_named(client: httpx.Client, file_name: bytes, data: bytes) -> httpx.Res
 
 
 _ALSO = {"etag", "accept-ranges", "content-encoding"}
-"""Headers that say how the bytes are sent, and nothing of a name."""
+"""Headers about the transfer, which contain no name."""
 
 
 def check_download(client: httpx.Client, shape_id: str, data: bytes) -> None:
-    """Look at a shape's downloads: one header with one plain name, and no other headers than elsewhere."""
+    """Check that a shape's downloads have one safe file name and no unexpected header."""
     plain = client.get("/v1/livez")
     for path, file_type in (("mesh", "ply"), ("signature", "json")):
         response = client.get(f"/v1/shapes/{shape_id}/{path}")
         assert response.status_code == 200
         assert set(response.headers) - set(plain.headers) - _ALSO == {"content-disposition", "vary"}
-        told = Message()
-        told["content-disposition"] = response.headers["content-disposition"].split("; filename*")[0]
-        assert told.get_content_disposition() == "attachment"
-        file_name = told.get_filename()
+        reported = Message()
+        reported["content-disposition"] = response.headers["content-disposition"].split("; filename*")[0]
+        assert reported.get_content_disposition() == "attachment"
+        file_name = reported.get_filename()
         assert file_name is not None
         assert file_name.endswith(f".{file_type}")
         assert file_name.isascii()

@@ -1,4 +1,4 @@
-"""What is computed while somebody waits: small things do not wait for large ones, and large ones may be jobs."""
+"""Results computed during a request: small ones do not wait for large ones, and clients can request a job instead."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def large(http) -> str:
 
 
 def test_a_small_download_does_not_wait_for_large_computations(server, http, small, large):
-    http.get(f"/v1/shapes/{small}/mesh?format=obj").raise_for_status()  # its process has started
+    http.get(f"/v1/shapes/{small}/mesh?format=obj").raise_for_status()  # starts the process for small downloads
     answers: list[int] = []
 
     def measure(source: int) -> None:
@@ -69,7 +69,7 @@ CALLS = [
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_what_is_answered_in_place_may_be_a_job_that_makes_the_same(http, small, call):
+def test_a_result_computed_as_a_job_equals_the_direct_answer(http, small, call):
     address = f"/v1/shapes/{small}/{call}"
     accepted = http.get(address, headers=ASYNC)
     assert accepted.headers["preference-applied"] == "respond-async"
@@ -84,7 +84,7 @@ def test_what_is_answered_in_place_may_be_a_job_that_makes_the_same(http, small,
         assert made.headers["content-disposition"] == there.headers["content-disposition"]
 
 
-def test_what_cannot_be_made_fails_with_the_same_words(http, small):
+def test_a_job_fails_with_the_same_error_as_the_direct_request(http, small):
     address = f"/v1/shapes/{small}/geodesics?source=1000"
     problem = check(http.get(address), 409, "unsuited")
     job = ended(http, http.get(address, headers=ASYNC))
@@ -92,7 +92,7 @@ def test_what_cannot_be_made_fails_with_the_same_words(http, small):
     check(http.get(f"/v1/jobs/{job['id']}/file"), 404, "not_found")
 
 
-def test_what_was_made_goes_with_its_shape(http):
+def test_the_file_of_a_job_is_removed_with_its_shape(http):
     shape = stored(http, small_mesh(2), parameters=FEW)["id"]
     job = ended(http, http.get(f"/v1/shapes/{shape}/mesh?format=off", headers=ASYNC))
     assert http.get(f"/v1/jobs/{job['id']}/file").status_code == 200
@@ -101,7 +101,7 @@ def test_what_was_made_goes_with_its_shape(http):
     check(http.get(f"/v1/shapes/{shape}/mesh?format=off", headers=ASYNC), 404, "not_found")
 
 
-def test_what_takes_too_long_says_how_to_have_it_as_a_job(tmp_path, large, http):
+def test_a_request_that_takes_too_long_advises_to_request_a_job(tmp_path, large, http):
     data = http.get(f"/v1/shapes/{large}/mesh").content
     with Server(tmp_path, workers=1, call_seconds=0.05) as server, server.http() as hasty:
         shape = stored(hasty, data, parameters=FEW)["id"]

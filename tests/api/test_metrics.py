@@ -1,4 +1,4 @@
-"""What /metrics says of what was done."""
+"""The metrics of jobs and requests at /metrics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
 
 @pytest.fixture(scope="module")
 def http(tmp_path_factory):
-    """A client of a server that nobody else asks."""
+    """A client of a server that receives no other requests."""
     with Server(tmp_path_factory.mktemp("metrics"), workers=1, drain_seconds=0) as own, own.http() as client:
         yield client
 
@@ -55,7 +55,7 @@ def test_jobs_are_counted_by_kind_outcome_and_code(http):
     assert value(busy, "unbend_jobs_running") + value(busy, "unbend_jobs_queued") == 3
     for url in reversed(urls):
         assert http.delete(url).json()["state"] == "cancelled"
-    http.delete(urls[0])  # again: it is not counted twice
+    http.delete(urls[0])  # a second cancellation is not counted
 
     found = scraped(http)
     counts = {key: count for key, count in found.items() if key[0] == "unbend_jobs_total"}
@@ -83,7 +83,7 @@ def test_jobs_are_counted_by_kind_outcome_and_code(http):
     assert value(found, "process_cpu_seconds_total") > 0
 
 
-def test_requests_are_counted_by_template_and_never_by_path(http):
+def test_requests_are_counted_by_route_template_and_never_by_path(http):
     def count(samples: Samples, method: str, route: str, status: int) -> float:
         return value(samples, "unbend_http_request_seconds_count", method=method, route=route, status=str(status))
 

@@ -1,4 +1,4 @@
-"""What an Accept header asks for (RFC 9110, sections 12.4.2 and 12.5.1)."""
+"""Content negotiation by the Accept header (RFC 9110, sections 12.4.2 and 12.5.1)."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ def chosen(*accept: str, wanted: str | None = None, default: str = "json") -> st
         (", ,model/obj,", "obj"),
     ],
 )
-def test_the_best_of_what_is_accepted_is_served(accept, expected):
+def test_the_preferred_acceptable_format_is_chosen(accept, expected):
     assert chosen(accept) == expected
 
 
 @pytest.mark.parametrize(
     "accept", ["text/html", "image/*", "*/*;q=0", "model/stl", "model/obj;q=0.0", "model/obj;q=9", "x"]
 )
-def test_what_is_not_accepted_is_not_served(accept):
+def test_an_accept_header_without_a_served_format_is_refused(accept):
     with pytest.raises(HTTPException) as caught:
         chosen(accept)
     assert caught.value.status_code == 406
     assert "model/obj" in caught.value.detail
 
 
-def test_more_headers_are_one_list():
+def test_several_accept_headers_are_combined():
     assert chosen("text/html", "model/obj") == "obj"
 
 
-def test_no_header_leaves_it_to_us_and_a_query_decides():
+def test_a_format_in_the_query_wins_and_no_header_gives_the_default():
     assert chosen(default="stl") == "stl"
     assert chosen("model/stl", default="stl") == "stl"
     assert chosen("text/html", wanted="glb") == "glb"

@@ -1,4 +1,4 @@
-"""Behind a proxy that has the service under a path: one that takes the path away, and one that does not."""
+"""The service under a path prefix of a proxy, whether or not the proxy strips the prefix."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def server(tmp_path_factory):
 
 
 @pytest.mark.parametrize("passed_on", ["", "/my/shapes"])
-def test_everything_leads_back_through_the_proxy(server, passed_on):
+def test_every_link_contains_the_proxy_prefix(server, passed_on):
     with server.http() as http:
         to_docs = http.get(f"{passed_on}/", follow_redirects=False)
         assert to_docs.headers["location"] == "/my/shapes/docs"
@@ -40,7 +40,7 @@ def test_everything_leads_back_through_the_proxy(server, passed_on):
         assert http.get(f"{passed_on}/v1/nothing").status_code == 404
 
 
-def test_a_path_like_the_services_own_is_not_guarded_less(server):
+def test_a_prefixed_path_is_protected_like_an_unprefixed_one(server):
     with server.http() as http:
         for host in ("other.example",):
             response = http.get("/my/shapes/v1/shapes", headers={"Host": host})
@@ -48,7 +48,7 @@ def test_a_path_like_the_services_own_is_not_guarded_less(server):
 
 
 @pytest.mark.parametrize("wrong", ["shapes", "/shapes/", "/v1", "/docs/x", "/a b", "//", "/"])
-def test_what_is_no_prefix_is_refused(monkeypatch, wrong):
+def test_an_invalid_prefix_is_refused(monkeypatch, wrong):
     monkeypatch.setenv("UNBEND_ROOT_PATH", wrong)
     with pytest.raises(ParameterError, match="UNBEND_ROOT_PATH"):
         read_settings({})

@@ -1,4 +1,4 @@
-"""Every error is a problem document of one shape; limits hold before anything is parsed."""
+"""Every error is a problem document, and limits are enforced before parsing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def http_client(server):
 
 
 @pytest.mark.parametrize("path", ["/nothing", "/v1", "/v1/nothing", "/v1/shapes/a/b/c"])
-def test_a_route_that_is_not_there_is_not_found(http_client, path):
+def test_an_unknown_route_is_not_found(http_client, path):
     check(http_client.get(path), 404, "not_found")
 
 
@@ -40,22 +40,22 @@ def test_a_route_that_is_not_there_is_not_found(http_client, path):
         ("POST", "/docs-assets/favicon.png", "GET, HEAD, OPTIONS"),
     ],
 )
-def test_a_method_that_is_not_there_is_not_allowed_and_those_that_are_are_told(http_client, method, path, allowed):
+def test_an_unsupported_method_is_refused_with_the_allowed_methods(http_client, method, path, allowed):
     response = http_client.request(method, path)
     if method == "HEAD":
         assert (response.status_code, response.content) == (405, b"")
     else:
         assert method in check(response, 405, "method_not_allowed")["detail"]
     assert response.headers["allow"] == allowed
-    told = http_client.options(path)
-    assert (told.status_code, told.content, told.headers["allow"]) == (204, b"", allowed)
+    reported = http_client.options(path)
+    assert (reported.status_code, reported.content, reported.headers["allow"]) == (204, b"", allowed)
 
 
-def test_there_are_no_methods_where_there_is_nothing(http_client):
+def test_options_of_an_unknown_route_are_not_found(http_client):
     check(http_client.options("/v1/nothing"), 404, "not_found")
 
 
-def test_head_is_get_without_its_body(http_client):
+def test_head_answers_like_get_without_a_body(http_client):
     for path in ("/v1/classes", "/v1/readyz", "/docs"):
         got, head = http_client.get(path), http_client.head(path)
         assert (head.status_code, head.content) == (200, b"")
@@ -64,24 +64,24 @@ def test_head_is_get_without_its_body(http_client):
     assert http_client.head("/v1/shapes/nobody").status_code == 404
 
 
-def test_an_address_has_one_spelling(http_client):
+def test_a_trailing_slash_is_not_found(http_client):
     check(http_client.get("/v1/shapes/"), 404, "not_found")
     check(http_client.post("/v1/queries/"), 404, "not_found")
 
 
-def test_a_shape_that_is_not_there_is_not_found_with_advice(http_client):
+def test_an_unknown_shape_is_not_found_with_advice(http_client):
     problem = check(http_client.get("/v1/shapes/nobody"), 404, "not_found")
     assert problem["detail"] == "no shape nobody"
     assert problem["advice"]
 
 
-def test_a_file_of_no_format_we_read_is_unsupported(http_client):
+def test_a_file_of_an_unsupported_format_is_refused(http_client):
     problem = check(post_mesh(http_client, b"\x89PNG\r\n", file_name="cat.png"), 415, "mesh_format")
     assert "off, obj, ply, stl, glb" in problem["detail"]
     check(post_mesh(http_client, b"", file_name="empty"), 415, "mesh_format")
 
 
-def test_a_format_not_served_is_not_acceptable(http_client):
+def test_an_unsupported_response_format_is_not_acceptable(http_client):
     shape = stored(http_client, small_mesh(240), parameters=FEW)
     check(http_client.get(f"/v1/shapes/{shape['id']}/mesh", headers={"Accept": "text/html"}), 406, "not_acceptable")
 
@@ -91,7 +91,7 @@ def test_a_format_not_served_is_not_acceptable(http_client):
     [("POST", "/v1/shapes", "multipart/form-data"), ("PATCH", "/v1/shapes/x", "application/json")],
 )
 @pytest.mark.parametrize("sent", ["text/plain", "application/x-www-form-urlencoded", "application/xml", None])
-def test_a_body_of_another_type_is_unsupported(http_client, method, path, kind, sent):
+def test_a_body_of_the_wrong_media_type_is_unsupported(http_client, method, path, kind, sent):
     headers = {"Content-Type": sent} if sent else {}
     problem = check(
         http_client.request(method, path, content=b"name=x", headers=headers), 415, "unsupported_media_type"
@@ -99,7 +99,7 @@ def test_a_body_of_another_type_is_unsupported(http_client, method, path, kind, 
     assert kind in problem["detail"]
 
 
-def test_fields_of_a_request_that_are_wrong_are_named(http_client):
+def test_invalid_fields_of_a_request_are_named(http_client):
     problem = check(http_client.get("/v1/shapes", params={"limit": 501}), 422, "request_invalid")
     assert [item["field"] for item in problem["errors"]] == ["query.limit"]
     problem = check(http_client.post("/v1/shapes", files={"name": (None, "x")}), 422, "request_invalid")
@@ -114,7 +114,7 @@ def test_fields_of_a_request_that_are_wrong_are_named(http_client):
     "parameters",
     ["{", "[]", "null", '{"samples": 3}', '{"samples": "many"}', '{"colour": 1}', '{"method": "x"}', "NaN"],
 )
-def test_parameters_out_of_range_are_refused_before_a_job_is_made(http_client, parameters):
+def test_invalid_parameters_are_refused(http_client, parameters):
     problem = check(post_mesh(http_client, small_mesh(242), parameters=parameters), 422, "parameter_invalid")
     assert problem["errors"] == [{"field": "body.parameters", "message": problem["detail"]}]
 
@@ -131,7 +131,7 @@ def test_parameters_out_of_range_are_refused_before_a_job_is_made(http_client, p
         ('{"max_vertices": "many"}', "max_vertices"),
     ],
 )
-def test_a_policy_out_of_range_is_refused_by_name_before_a_job_is_made(http_client, path, policy, word):
+def test_an_invalid_policy_is_refused_before_a_job_is_created(http_client, path, policy, word):
     before = http_client.get("/v1/jobs", params={"limit": 1}).json()
     response = http_client.post(path, files={"file": ("x.ply", small_mesh(242))}, data={"policy": policy})
     problem = check(response, 422, "parameter_invalid")
@@ -152,27 +152,27 @@ def test_deep_parameters_are_refused(http_client):
 
 
 @pytest.mark.parametrize("cursor", ["x", "", "-1", "1" * 19, "\u0661"])
-def test_a_cursor_that_is_none_is_refused(http_client, cursor):
+def test_an_invalid_cursor_is_refused(http_client, cursor):
     problem = check(http_client.get("/v1/shapes", params={"cursor": cursor}), 422, "request_invalid")
     assert [item["field"] for item in problem["errors"]] == ["query.cursor"]
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
 @pytest.mark.parametrize("boundary", ["; boundary=b", ""])
-def test_a_form_that_is_none_is_a_bad_request(http_client, path, boundary):
+def test_a_malformed_form_is_a_bad_request(http_client, path, boundary):
     headers = {"Content-Type": f"multipart/form-data{boundary}"}
     check(http_client.post(path, content=b"this is no form", headers=headers), 400, "bad_request")
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
-def test_a_form_that_is_cut_short_lacks_its_file(http_client, path):
+def test_a_truncated_form_lacks_its_file(http_client, path):
     headers = {"Content-Type": "multipart/form-data; boundary=b"}
     cut = b'--b\r\nContent-Disposition: form-data; name="file"; filename="x.off"\r\n\r\nOFF 4 4'
     problem = check(http_client.post(path, content=cut, headers=headers), 422, "request_invalid")
     assert [item["field"] for item in problem["errors"]] == ["body.file"]
 
 
-def test_json_that_is_broken_is_refused(http_client):
+def test_malformed_json_is_refused(http_client):
     headers = {"Content-Type": "application/json"}
     check(http_client.patch("/v1/shapes/x", content=b"{", headers=headers), 422, "request_invalid")
     check(http_client.patch("/v1/shapes/x", content=b"\xff\xfe", headers=headers), 422, "request_invalid")
@@ -180,7 +180,7 @@ def test_json_that_is_broken_is_refused(http_client):
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
-def test_an_announced_upload_that_is_too_large_is_refused(small_server, path):
+def test_an_oversized_upload_with_a_content_length_is_refused(small_server, path):
     with small_server.http() as client:
         response = client.post(path, files={"file": ("x.ply", bytes(3 * 2**20))})
         problem = check(response, 413, "upload_too_large")
@@ -189,7 +189,7 @@ def test_an_announced_upload_that_is_too_large_is_refused(small_server, path):
 
 
 @pytest.mark.parametrize("path", ["/v1/shapes", "/v1/queries"])
-def test_an_unannounced_upload_that_is_too_large_is_refused_in_the_same_words(small_server, path):
+def test_an_oversized_chunked_upload_is_refused_with_the_same_message(small_server, path):
     def body() -> Iterator[bytes]:
         yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="x.ply"\r\n\r\n'
         for _ in range(48):
@@ -201,12 +201,12 @@ def test_an_unannounced_upload_that_is_too_large_is_refused_in_the_same_words(sm
         assert check(response, 413, "upload_too_large") == announced
 
 
-def test_json_that_is_too_large_is_refused(small_server):
+def test_oversized_json_is_refused(small_server):
     with small_server.http() as client:
         check(client.post("/v1/queries", json={"shape_id": "x" * 2**21}), 413, "upload_too_large")
 
 
-def test_a_length_that_is_no_number_is_refused(small_server):
+def test_a_content_length_that_is_not_a_number_is_refused(small_server):
     address = urlsplit(small_server.url)
     connection = http.client.HTTPConnection(address.hostname, address.port, timeout=30)
     connection.putrequest("POST", "/v1/shapes")
@@ -216,7 +216,7 @@ def test_a_length_that_is_no_number_is_refused(small_server):
     connection.close()
 
 
-def test_a_full_queue_answers_429_and_when_to_come_again(small_server):
+def test_a_full_queue_answers_429_with_a_retry_time(small_server):
     with small_server.http() as client:
         jobs = [
             post_mesh(client, slow_mesh(), parameters=json.dumps({"samples": 4000 + number})) for number in range(2)

@@ -12,7 +12,7 @@ from tests.support.server import DAMAGED, ENDLESS, ended, endless_mesh, ply, pos
 from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.mesh.shapes import sphere
 
-# Parameters of these tests alone, so that no other test's shapes take part.
+# Only these tests use these parameters, so that queries do not find shapes of other tests.
 OWN = {"samples": 37}
 FEW = json.dumps(OWN)
 
@@ -46,7 +46,7 @@ def expected(server, data: bytes, policy: MeshPolicy | None = None, **options) -
         return library.rank(signature, **options).as_dict()
 
 
-def test_a_query_that_prefers_to_wait_is_answered_in_place(server, http, ids):
+def test_a_query_that_prefers_to_wait_is_answered_directly(server, http, ids):
     data = small_mesh(3)
     response = ask(http, data, {"Prefer": "respond-async, wait=30"}, measure="moments", k="2")
     assert response.status_code == 200
@@ -55,7 +55,7 @@ def test_a_query_that_prefers_to_wait_is_answered_in_place(server, http, ids):
     assert response.json()["classes"][0]["label"] == "torus"
 
 
-def test_a_query_is_read_as_its_policy_says_and_compared_with_shapes_of_any(server, http, ids):
+def test_a_query_is_read_by_its_policy_and_compared_with_shapes_of_any_policy(server, http, ids):
     data = ply(two_rings(0))
     answers = {
         kind: ask(http, data, {"Prefer": "wait=30"}, policy=json.dumps({"components": kind})).json()
@@ -67,7 +67,7 @@ def test_a_query_is_read_as_its_policy_says_and_compared_with_shapes_of_any(serv
     assert answers["largest"]["shapes"][0]["distance"] < answers["bridge"]["shapes"][0]["distance"]
 
 
-def test_a_query_that_does_not_wait_is_a_job_whose_result_is_the_ranking(server, http, ids):
+def test_a_query_without_a_wait_becomes_a_job_with_the_ranking_as_its_result(server, http, ids):
     data = small_mesh(4)
     response = ask(http, data)
     assert response.status_code == 202
@@ -77,27 +77,27 @@ def test_a_query_that_does_not_wait_is_a_job_whose_result_is_the_ranking(server,
     assert job["result"] == expected(server, data)
 
 
-def test_a_query_that_takes_longer_than_it_waits_is_a_job(http, ids):
+def test_a_query_that_exceeds_its_wait_becomes_a_job(http, ids):
     response = ask(http, endless_mesh(), {"Prefer": "wait=1"}, parameters=json.dumps(ENDLESS))
     assert response.status_code == 202
     cancelled = http.delete(response.headers["Location"]).json()
     assert (cancelled["state"], cancelled["error"]["code"]) == ("cancelled", "job_cancelled")
 
 
-def test_a_query_is_not_kept(http, ids):
+def test_a_query_stores_no_shape(http, ids):
     before = http.get("/v1/shapes", params={"limit": 500}).json()
     ask(http, small_mesh(5), {"Prefer": "wait=30"}).raise_for_status()
     assert http.get("/v1/shapes", params={"limit": 500}).json() == before
     assert post_mesh(http, small_mesh(5), parameters=json.dumps({"samples": 36})).status_code == 202
 
 
-def test_a_query_with_a_bad_mesh_is_a_failed_job_even_when_waited_for(http):
+def test_a_waiting_query_with_a_damaged_mesh_is_answered_with_a_failed_job(http):
     response = ask(http, DAMAGED, {"Prefer": "wait=30"})
     assert response.status_code == 202
     assert (response.json()["state"], response.json()["error"]["code"]) == ("failed", "mesh_read")
 
 
-def test_a_stored_shape_is_ranked_without_itself(server, http, ids):
+def test_a_query_by_a_stored_shape_excludes_that_shape(server, http, ids):
     response = http.post("/v1/queries", json={"shape_id": ids["ring-0"], "measure": "distribution", "k": 3})
     assert response.status_code == 200
     with Library(str(server.library)) as library:
@@ -107,7 +107,7 @@ def test_a_stored_shape_is_ranked_without_itself(server, http, ids):
     assert ids["ring-0"] not in [match["id"] for match in response.json()["shapes"]]
 
 
-def test_parameters_nobody_used_find_nothing(http, ids):
+def test_a_query_with_unused_parameters_finds_nothing(http, ids):
     response = ask(http, small_mesh(6), {"Prefer": "wait=30"}, parameters='{"samples": 35}')
     assert response.json() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None, "warnings": []}
 
@@ -116,14 +116,14 @@ def test_parameters_nobody_used_find_nothing(http, ids):
     ("fields", "field"),
     [({"k": "0"}, "k"), ({"k": "many"}, "k"), ({"k": "1001"}, "k"), ({"limit": "3"}, "limit")],
 )
-def test_a_wrong_form_field_is_named(http, fields, field):
+def test_an_invalid_form_field_is_named(http, fields, field):
     response = ask(http, small_mesh(6), **fields)
     assert response.status_code == 422
     assert [item["field"] for item in response.json()["errors"]] == [f"body.{field}"]
 
 
 @pytest.mark.parametrize("fields", [{"measure": "volume"}, {"parameters": "{"}, {"parameters": '{"samples": 3}'}])
-def test_a_wrong_measure_or_parameters_are_refused_before_a_job_is_made(http, fields):
+def test_an_invalid_measure_or_parameters_are_refused_before_a_job_is_created(http, fields):
     before = http.get("/v1/jobs", params={"limit": 1}).json()
     response = ask(http, small_mesh(6), **fields)
     assert (response.status_code, response.json()["code"]) == (422, "parameter_invalid")
@@ -133,11 +133,11 @@ def test_a_wrong_measure_or_parameters_are_refused_before_a_job_is_made(http, fi
 @pytest.mark.parametrize(
     "body", [{}, {"shape_id": ""}, {"shape_id": "x", "k": 0}, {"shape_id": "x", "more": 1}, [], {"shape_id": 5}]
 )
-def test_a_wrong_json_query_is_refused(http, body):
+def test_an_invalid_json_query_is_refused(http, body):
     assert http.post("/v1/queries", json=body).status_code == 422
 
 
-def test_a_query_of_another_kind_or_without_a_file_is_refused(http):
+def test_a_query_of_the_wrong_media_type_or_without_a_file_is_refused(http):
     assert http.post("/v1/queries", content=b"hello", headers={"Content-Type": "text/plain"}).status_code == 415
     assert http.post("/v1/queries").status_code == 415
     broken = http.post("/v1/queries", content=b"{", headers={"Content-Type": "application/json"})
@@ -163,7 +163,7 @@ def test_a_job_can_be_watched_listed_and_cancelled(http):
         assert http.get("/v1/capacity").json()["running"] >= 1
         again = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS))
         assert again.status_code == 202
-        assert again.json()["id"] != job["id"]  # it can be cancelled alone
+        assert again.json()["id"] != job["id"]  # each of the two jobs can be cancelled separately
         assert http.delete(again.headers["Location"]).json()["state"] == "cancelled"
         assert http.get(url).json()["state"] == "running"
     finally:
@@ -173,7 +173,7 @@ def test_a_job_can_be_watched_listed_and_cancelled(http):
     assert http.delete(url).json() == cancelled.json() == http.get(url, params={"wait": 5}).json()
 
 
-def test_a_job_that_is_not_there_is_not_found(http):
+def test_an_unknown_job_is_not_found(http):
     nobody = f"/v1/jobs/{uuid.uuid4().hex}"
     for response in (http.get(nobody), http.get(nobody, params={"wait": 1}), http.delete(nobody)):
         assert (response.status_code, response.json()["code"]) == (404, "not_found")
@@ -184,7 +184,7 @@ def test_a_wait_out_of_range_is_refused(http, wait):
     assert http.get("/v1/jobs/x", params={"wait": wait}).status_code == 422
 
 
-def test_health_and_capacity_are_told(http):
+def test_health_and_capacity_are_reported(http):
     assert http.get("/v1/livez").json() == {"status": "ok"}
     assert http.get("/v1/readyz").json() == {"status": "ok"}
     capacity = http.get("/v1/capacity").json()
@@ -194,18 +194,18 @@ def test_health_and_capacity_are_told(http):
 
 
 @pytest.mark.parametrize("classifier", ["nearest", "vote", "mean", "discriminants"])
-def test_the_classifier_is_a_field_of_both_kinds_of_query(server, http, ids, classifier):
+def test_both_kinds_of_query_accept_a_classifier(server, http, ids, classifier):
     data = small_mesh(6)
     by_file = ask(http, data, {"Prefer": "wait=30"}, classifier=classifier).json()
     assert by_file == expected(server, data, classifier=classifier)
     by_shape = http.post("/v1/queries", json={"shape_id": ids["ring-0"], "classifier": classifier})
-    if classifier == "discriminants":  # without this one, there is a single torus left to learn from
+    if classifier == "discriminants":  # without the queried torus only one torus is left, too few for this classifier
         assert (by_shape.status_code, by_shape.json()["code"]) == (409, "unsuited")
     else:
         assert by_shape.json()["classes"][0]["label"] == "torus"
 
 
-def test_a_wrong_classifier_is_refused_before_anything_is_computed(http, ids):
+def test_an_unknown_classifier_is_refused(http, ids):
     for response in (
         ask(http, small_mesh(7), classifier="oracle"),
         http.post("/v1/queries", json={"shape_id": ids["ring-0"], "classifier": "oracle"}),
@@ -215,7 +215,7 @@ def test_a_wrong_classifier_is_refused_before_anything_is_computed(http, ids):
         assert [item["field"] for item in response.json()["errors"]] == ["body.classifier"]
 
 
-def test_more_are_not_asked_for_than_can_be_compared_whole(http, ids):
+def test_a_pair_measure_limits_the_number_of_results(http, ids):
     for response in (
         ask(http, small_mesh(7), measure="rigid", k="101"),
         http.post("/v1/queries", json={"shape_id": ids["ring-0"], "measure": "rigid", "k": 101}),
@@ -224,7 +224,7 @@ def test_more_are_not_asked_for_than_can_be_compared_whole(http, ids):
         assert [item["field"] for item in response.json()["errors"]] == ["body.k"]
 
 
-def test_a_whole_number_may_be_written_with_a_point_and_not_as_text(http, ids):
+def test_an_integer_may_have_a_decimal_point_but_not_be_text(http, ids):
     asked = {"shape_id": ids["ring-0"]}
     assert http.post("/v1/queries", json=asked | {"k": 1.0}).status_code == 200
     for k in ("1", True, 1.5):
@@ -233,34 +233,34 @@ def test_a_whole_number_may_be_written_with_a_point_and_not_as_text(http, ids):
     assert shape["parameters"]["samples"] == 40
 
 
-def test_a_measure_of_whole_pairs_orders_the_nearest_anew(server, http, ids):
+def test_a_pair_measure_reorders_the_nearest_shapes(server, http, ids):
     data = small_mesh(8)
     answer = ask(http, data, {"Prefer": "wait=30"}, measure="rigid", k="2").json()
     assert answer == expected(server, data, measure="rigid", k=2)
     assert answer["measure"] == "rigid"
 
 
-def test_the_map_places_every_shape(http, ids):
+def test_the_map_contains_every_shape(http, ids):
     response = http.get("/v1/map", params={"measure": "moments", "parameters": FEW})
     assert response.status_code == 200
-    told = response.json()
-    assert set(told) == {"measure", "stress", "original_stress", "count", "items"}
-    assert {item["id"] for item in told["items"]} >= set(ids.values())
-    assert all(set(item) == {"id", "name", "label", "point", "original"} for item in told["items"])
+    reported = response.json()
+    assert set(reported) == {"measure", "stress", "original_stress", "count", "items"}
+    assert {item["id"] for item in reported["items"]} >= set(ids.values())
+    assert all(set(item) == {"id", "name", "label", "point", "original"} for item in reported["items"])
     solid = http.get("/v1/map", params={"parameters": FEW, "dimensions": 3, "limit": 2}).json()
     assert [len(item["point"]) for item in solid["items"]] == [3, 3]
 
 
-def test_the_evaluation_has_figures_and_confusion(server, http, ids):
-    told = http.get("/v1/evaluation", params={"measure": "spectrum", "parameters": FEW}).json()
+def test_the_evaluation_has_metrics_and_a_confusion_matrix(server, http, ids):
+    reported = http.get("/v1/evaluation", params={"measure": "spectrum", "parameters": FEW}).json()
     with Library(str(server.library)) as library:
-        assert told == {"measure": "spectrum"} | library.evaluation(parameters=Parameters(**OWN)).as_dict()
-    assert told["nn"] == 1.0
-    assert set(told["confusion"]["labels"]) >= {"sphere", "torus"}
+        assert reported == {"measure": "spectrum"} | library.evaluation(parameters=Parameters(**OWN)).as_dict()
+    assert reported["nn"] == 1.0
+    assert set(reported["confusion"]["labels"]) >= {"sphere", "torus"}
 
 
 @pytest.mark.parametrize("path", ["/v1/map", "/v1/evaluation"])
-def test_overviews_refuse_what_they_cannot_compare(http, path):
+def test_the_map_and_the_evaluation_refuse_invalid_parameters(http, path):
     for params in ({"measure": "volume"}, {"measure": "rigid"}, {"parameters": "{"}, {"parameters": '{"samples": 1}'}):
         response = http.get(path, params=params)
         assert response.status_code == 422
@@ -269,13 +269,13 @@ def test_overviews_refuse_what_they_cannot_compare(http, path):
         assert http.get(path, params={"dimensions": 4}).status_code == 422
 
 
-def test_classes_count_labelled_shapes(http, ids):
+def test_classes_list_the_number_of_shapes_per_label(http, ids):
     classes = {item["label"]: item["count"] for item in http.get("/v1/classes").json()["items"]}
     assert classes["sphere"] >= 2
     assert all(count > 0 for count in classes.values())
     assert list(classes) == sorted(classes)
 
 
-def test_default_parameters_are_used_where_none_are_given(http):
+def test_default_parameters_apply_when_none_are_given(http):
     shape = stored(http, small_mesh(7))
     assert shape["parameters"] == Parameters().as_dict()

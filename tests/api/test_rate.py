@@ -1,4 +1,4 @@
-"""The token bucket, by a clock of our own."""
+"""The token bucket of the rate limit, with a simulated clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Clock:
         return self.now
 
 
-def test_a_full_bucket_holds_a_minute_and_fills_evenly():
+def test_a_bucket_holds_the_requests_of_a_minute_and_refills_evenly():
     clock = Clock()
     limit = RateLimit(6, clock)
     assert [limit.take("a") for _ in range(7)] == [0] * 6 + [10]
@@ -35,7 +35,7 @@ def test_no_limit_never_waits():
 
 
 @given(per_minute=st.integers(1, 90), pauses=st.lists(st.floats(0, 20), max_size=200))
-def test_it_is_a_bucket_of_tokens(per_minute, pauses):
+def test_the_rate_limit_behaves_like_a_token_bucket(per_minute, pauses):
     clock, tokens = Clock(), float(per_minute)
     limit = RateLimit(per_minute, clock)
     for pause in pauses:
@@ -43,7 +43,7 @@ def test_it_is_a_bucket_of_tokens(per_minute, pauses):
         tokens = min(per_minute, tokens + pause * per_minute / 60)
         wait = limit.take("a")
         if wait == 0:
-            assert tokens > 1 - 1e-6  # what sums round to
+            assert tokens > 1 - 1e-6  # tolerance for rounding
             tokens = max(tokens - 1, 0)
         else:
             assert tokens < 1 + 1e-6
@@ -51,7 +51,7 @@ def test_it_is_a_bucket_of_tokens(per_minute, pauses):
             assert wait >= 1
 
 
-def test_callers_that_are_forgotten_had_full_buckets():
+def test_only_callers_with_full_buckets_are_evicted():
     clock = Clock()
     limit = RateLimit(1, clock)
     for number in range(10_000):

@@ -1,4 +1,4 @@
-"""The id of a request, and the log's lines about it."""
+"""Request ids, and the log lines about requests."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def logging_server(tmp_path_factory):
 
 
 def lines(server: Server) -> list[dict]:
-    """The log, each line of which is an object but the greeting."""
+    """Return the log lines, which are JSON objects except for the first greeting."""
     return [json.loads(line) for line in server.log.read_text().splitlines() if not line.startswith("unbend: library")]
 
 
@@ -42,13 +42,13 @@ def until(server: Server, reached) -> list[dict]:
 
 
 @pytest.mark.parametrize("given", ["a", "4f1c-99.x:y_Z", "00-4bf92f3577b34da6-01", "x" * 128])
-def test_a_sane_id_is_given_back(server, given):
+def test_a_valid_request_id_is_returned(server, given):
     with server.http() as http:
         assert http.get("/v1/livez", headers={"X-Request-ID": given}).headers.get_list("x-request-id") == [given]
 
 
 @pytest.mark.parametrize("given", [None, "", "x" * 129, "a b", 'a"b', "\u00e9".encode("latin-1"), "a\tb"])
-def test_any_other_is_replaced(server, given):
+def test_an_invalid_request_id_is_replaced_by_a_random_one(server, given):
     with server.http() as http:
         headers = {} if given is None else {"X-Request-ID": given}
         answers = [http.get("/v1/livez", headers=headers).headers["x-request-id"] for _ in range(2)]
@@ -57,13 +57,13 @@ def test_any_other_is_replaced(server, given):
 
 
 @pytest.mark.parametrize(("path", "status"), [("/nothing", 404), ("/v1/shapes?limit=0", 422)])
-def test_errors_have_it_too(server, path, status):
+def test_errors_have_the_request_id(server, path, status):
     with server.http() as http:
         answer = http.get(path, headers={"X-Request-ID": "mine"})
     assert (answer.status_code, answer.headers["x-request-id"]) == (status, "mine")
 
 
-def test_unexpected_errors_have_it_too(caplog):
+def test_unexpected_errors_have_the_request_id(caplog):
     app = create_app()
 
     async def broken(_request: Request) -> None:
@@ -82,7 +82,7 @@ def test_unexpected_errors_have_it_too(caplog):
     assert any(record.name == "unbend.requests" and " 500 " in record.getMessage() for record in caplog.records)
 
 
-def test_a_request_and_the_job_it_begins_can_be_found_in_the_log(logging_server):
+def test_the_log_links_a_request_to_its_job(logging_server):
     with logging_server.http() as http:
         accepted = http.post(
             "/v1/shapes",
@@ -94,9 +94,9 @@ def test_a_request_and_the_job_it_begins_can_be_found_in_the_log(logging_server)
         bad = ended(http, post_mesh(http, DAMAGED, file_name="bad.off"))
     found = until(logging_server, lambda lines: any(line.get("job_id") == bad["id"] for line in lines))
     assert all({"time", "level", "logger", "message"} <= set(line) for line in found)
-    told = {line["logger"]: line for line in found if line.get("request_id") == "the-upload"}
-    assert (told["unbend.audit"]["key"], told["unbend.audit"]["job_id"]) == ("open", good["id"])
-    request = told["unbend.requests"]
+    reported = {line["logger"]: line for line in found if line.get("request_id") == "the-upload"}
+    assert (reported["unbend.audit"]["key"], reported["unbend.audit"]["job_id"]) == ("open", good["id"])
+    request = reported["unbend.requests"]
     assert (request["method"], request["route"], request["status"]) == ("POST", "/v1/shapes", 202)
     assert 0 < request["milliseconds"] < 60_000
     assert request["job_id"] == good["id"]
@@ -108,13 +108,13 @@ def test_a_request_and_the_job_it_begins_can_be_found_in_the_log(logging_server)
     assert not any(line.get("route") in {"/v1/readyz", "/v1/livez"} and line["status"] == 200 for line in found)
 
 
-def test_what_a_caller_sends_cannot_forge_a_line(logging_server):
+def test_a_request_cannot_forge_a_log_line(logging_server):
     with logging_server.http() as http:
         http.get("/v1/x%0a%7B%22forged%22:1%7D", headers={"X-Request-ID": 'a","forged":"'})
     assert not any("forged" in line for line in logging_server.log.read_text().splitlines())
 
 
-def test_lines_of_text_say_what_they_are_about(server):
+def test_log_lines_in_text_format_contain_the_request_id(server):
     with server.http() as http:
         http.get("/v1/shapes", headers={"X-Request-ID": "a-line-of-text"})
     end = time.monotonic() + 30
@@ -124,13 +124,13 @@ def test_lines_of_text_say_what_they_are_about(server):
         time.sleep(0.05)
 
 
-def test_an_unknown_format_is_refused(monkeypatch):
+def test_an_unknown_log_format_is_refused(monkeypatch):
     monkeypatch.setenv("UNBEND_LOG_FORMAT", "xml")
     with pytest.raises(ValidationError, match="log_format"):
         Settings()
 
 
-def test_each_application_has_figures_of_its_own():
+def test_each_application_has_its_own_metrics():
     first, second = Metrics(), Metrics()
     first.answered("GET", "/", 200, 0.1)
     counted = {"method": "GET", "route": "/", "status": "200"}

@@ -1,4 +1,4 @@
-"""What a killed or stopped server had accepted is done by the next one."""
+"""Jobs that a killed or stopped server had accepted are run by the next server."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def until(reached, seconds: float = PATIENCE) -> None:
         time.sleep(0.05)
 
 
-def test_every_job_acknowledged_before_a_kill_ends_after_it(tmp_path):
+def test_every_job_acknowledged_before_a_kill_ends_after_a_restart(tmp_path):
     with Server(tmp_path, workers=2) as first, first.http() as http:
         accepted = [post_mesh(http, small_mesh(number), name=f"n{number}", parameters=FEW) for number in range(20)]
         accepted.append(post_mesh(http, DAMAGED, file_name="bad.off"))
@@ -52,7 +52,7 @@ def test_every_job_acknowledged_before_a_kill_ends_after_it(tmp_path):
             assert http.get(f"/v1/shapes/{job['shape_id']}/mesh").content == small_mesh(number)
 
 
-def test_the_workers_of_a_killed_server_end_too(tmp_path):
+def test_the_workers_of_a_killed_server_exit(tmp_path):
     with Server(tmp_path, workers=2) as server, server.http() as http:
         accepted = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS))
         url = accepted.headers["Location"]
@@ -67,17 +67,17 @@ def test_the_workers_of_a_killed_server_end_too(tmp_path):
                 os.kill(pid, signal.SIGKILL)
 
 
-def test_a_stopped_server_ends_in_good_time_and_puts_running_jobs_back(tmp_path):
+def test_a_stopped_server_exits_within_ten_seconds_and_requeues_running_jobs(tmp_path):
     with Server(tmp_path, workers=1, drain_seconds=0) as server, server.http() as http:
         url = post_mesh(http, endless_mesh(), parameters=json.dumps(ENDLESS)).headers["Location"]
         until(lambda: http.get(url).json()["stage"] == "geodesics")
         workers = server.workers()
         waiting = threading.Thread(target=poll, args=(server.url + url,))
         waiting.start()
-        time.sleep(0.3)  # the long poll is on its way
+        time.sleep(0.3)  # so that the server has received the long poll
         server.process.send_signal(signal.SIGTERM)
         try:
-            # As long as a container is given by default; a client that waits for a job must not use it up.
+            # Containers get ten seconds by default, and a client that waits for a job must not delay the exit.
             server.process.wait(10)
         finally:
             server.stop()

@@ -1,4 +1,4 @@
-"""A mesh whose vertices are split at seams, and one of which little is kept, over HTTP."""
+"""Meshes with seams, and meshes of which only a part is kept, over HTTP."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def http(server):
 
 
 def halves() -> bytes:
-    """Two balls of one size, not connected."""
+    """Return two disconnected spheres of equal size."""
     ball = sphere(1)
     vertices = np.concatenate([ball.vertices, ball.vertices + 3.25])
     return write_mesh(vertices, np.concatenate([ball.faces, ball.faces + len(ball.vertices)]), "ply")
 
 
-def test_distances_at_all_copies_of_a_vertex_are_equal(http):
+def test_all_copies_of_a_split_vertex_have_equal_distances(http):
     shape = stored(http, FLAT_CUBE, parameters=FEW)
     assert (shape["report"]["vertices"], shape["report"]["components"], shape["report"]["seams"]) == (24, 1, 12)
     assert shape["area"] == pytest.approx(52)
@@ -46,7 +46,7 @@ def test_distances_at_all_copies_of_a_vertex_are_equal(http):
     assert len(path) >= 2
 
 
-def test_what_is_kept_of_a_mesh_that_falls_apart_is_said_in_the_shape_the_job_and_the_answer(http):
+def test_a_discarded_component_is_a_warning_of_the_shape_the_job_and_the_answer(http):
     job = ended(http, post_mesh(http, halves(), parameters=FEW))
     shape = http.get(f"/v1/shapes/{job['shape_id']}").json()
     (sentence,) = shape["warnings"]
@@ -61,13 +61,13 @@ def test_what_is_kept_of_a_mesh_that_falls_apart_is_said_in_the_shape_the_job_an
     assert sentence in http.get(f"/v1/shapes/{shape['id']}/signature").json()["warnings"]
 
 
-def test_a_mesh_that_is_whole_warns_of_nothing(http):
+def test_a_mesh_kept_completely_has_no_warnings(http):
     job = ended(http, post_mesh(http, halves(), parameters=FEW, policy='{"components": "bridge"}'))
     assert job["warnings"] == []
     assert http.get(f"/v1/shapes/{job['shape_id']}").json()["warnings"] == []
 
 
-def test_seams_that_are_kept_leave_a_side_of_the_box_and_say_so(http):
+def test_keeping_seams_keeps_one_side_of_the_box_with_a_warning(http):
     shape = stored(http, FLAT_CUBE, parameters='{"samples": 4}', policy='{"seams": "keep"}')
     assert shape["report"]["components"] == 6
     assert 'seams="stitch"' in shape["warnings"][0]

@@ -1,4 +1,4 @@
-"""Where settings come from, which of them wins, and what a server refuses to start with."""
+"""Sources of settings, their precedence, and invalid settings with which a server does not start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unbend.api.server.configuration import read_settings, without_password
 from unbend.cli import main
 from unbend.errors import ParameterError
 
-OTHERS = {  # one value of each setting that is not its default
+OTHERS = {  # a value for each setting that differs from its default
     "library": "other.db", "workers": 3, "max_upload_mb": 5, "max_queued": 7, "job_seconds": 1.5,
     "job_memory_mb": 2048, "drain_seconds": 0, "log_format": "json", "traces": "http://localhost:4318", "open": True,
     "max_arriving_mb": 6, "transfer_seconds": 8.5, "stall_seconds": 2.5, "head_seconds": 3.5, "max_connections": 99,
@@ -30,8 +30,8 @@ OTHERS = {  # one value of each setting that is not its default
 
 
 @pytest.fixture(autouse=True)
-def bare(monkeypatch, tmp_path):
-    """No setting of who runs the tests, and a folder for the default library."""
+def clean_environment(monkeypatch, tmp_path):
+    """Remove settings from the environment, and change to an empty folder for the default library."""
     for name in os.environ:
         if name.upper().startswith("UNBEND_"):
             monkeypatch.delenv(name)
@@ -39,7 +39,7 @@ def bare(monkeypatch, tmp_path):
 
 
 def refusal(*arguments: object, **variables: object) -> str:
-    """What `unbend serve` says when it does not start."""
+    """Run `unbend serve`, which must not start, and return its message."""
     environment = {name: str(value) for name, value in variables.items()}
     done = CliRunner(env=environment).invoke(main, ["serve", "--port", "0", *map(str, arguments)])
     assert done.exit_code == 1, done.output
@@ -69,7 +69,7 @@ def test_every_setting_is_read_from_the_environment_and_from_a_file(monkeypatch,
     assert Settings().model_dump() == OTHERS
 
 
-def test_the_command_beats_the_environment_which_beats_the_file(monkeypatch, tmp_path):
+def test_options_override_the_environment_which_overrides_the_file(monkeypatch, tmp_path):
     file = toml(tmp_path, "workers = 2\nmax_queued = 2\nmax_upload_mb = 2")
     monkeypatch.setenv("UNBEND_WORKERS", "3")
     monkeypatch.setenv("unbend_max_queued", "3")
@@ -79,11 +79,11 @@ def test_the_command_beats_the_environment_which_beats_the_file(monkeypatch, tmp
     assert isinstance(found, Settings)
 
 
-def test_a_server_takes_its_settings_from_a_file(tmp_path):
+def test_a_server_reads_its_settings_from_a_file(tmp_path):
     file = toml(tmp_path, "workers = 7\nmax_queued = 5\njob_seconds = 3.5\nlog_format = 'json'")
     with Server(tmp_path, workers=1, ready=False, config=file, job_seconds=60) as server, server.http() as http:
-        told = http.get("/v1/capacity").json()
-        assert (told["workers"], told["max_queued"]) == (1, 5)
+        reported = http.get("/v1/capacity").json()
+        assert (reported["workers"], reported["max_queued"]) == (1, 5)
         assert '"message"' in server.log.read_text()
 
 
@@ -107,7 +107,7 @@ def test_a_server_takes_its_settings_from_a_file(tmp_path):
         ("workers = 1\nworkers = 2", ["not TOML", "overwrite"]),
     ],
 )
-def test_a_file_with_a_mistake_is_refused_by_its_name_and_key(tmp_path, text, words):
+def test_an_error_in_a_settings_file_names_the_file_and_the_key(tmp_path, text, words):
     file = toml(tmp_path, text)
     said = refusal("--config", file)
     assert said.startswith(f"{file}: ")
@@ -115,7 +115,7 @@ def test_a_file_with_a_mistake_is_refused_by_its_name_and_key(tmp_path, text, wo
         assert word.format(file=file) in said
 
 
-def test_a_file_that_is_none_is_refused_by_its_name(tmp_path):
+def test_an_unreadable_settings_file_is_named(tmp_path):
     assert refusal("--config", tmp_path / "none.toml").startswith(f"{tmp_path}/none.toml: ")
     assert refusal(UNBEND_CONFIG=tmp_path).startswith(f"{tmp_path}: ")
     (tmp_path / "latin.toml").write_bytes(b'library = "\xe4.db"')
@@ -142,13 +142,13 @@ def test_a_file_that_is_none_is_refused_by_its_name(tmp_path):
         ("UNBEND_TRACES", "http://:4318", "an address such as"),
     ],
 )
-def test_nonsense_in_the_environment_is_refused_by_its_variable(name, value, word):
+def test_an_invalid_environment_variable_is_named(name, value, word):
     said = refusal(**{name: value})
     assert said.startswith(name)
     assert word in said
 
 
-def test_settings_that_contradict_each_other_are_both_named_as_given(tmp_path):
+def test_contradicting_settings_are_both_named_with_their_source(tmp_path):
     file = toml(tmp_path, "max_upload_mb = 2048")
     said = refusal("--config", file, UNBEND_JOB_MEMORY_MB=1500)
     assert said.startswith("UNBEND_JOB_MEMORY_MB is '1500': ")
@@ -165,16 +165,16 @@ def test_settings_that_contradict_each_other_are_both_named_as_given(tmp_path):
         ("UNBEND_PORT", None),
     ],
 )
-def test_a_variable_that_is_no_setting_is_refused_and_the_nearest_is_told(name, meant):
+def test_an_unknown_variable_is_refused_with_the_nearest_setting(name, meant):
     assert refusal(**{name: "8000"}) == f"{name} is not a setting" + (f"; did you mean {meant}?" if meant else "")
 
 
-def test_variables_that_are_not_for_the_server_are_left_alone(monkeypatch):
+def test_variables_that_are_not_settings_of_the_server_are_ignored(monkeypatch):
     for name, value in {
         "UNBEND_API_KEY": "unbend_a_b",
         "UNBEND_CONFIG": "read by the command",
         "UNBEND_REQUIRE_SHARED": "1",
-        # in a cluster with services called unbend and unbend-web
+        # Kubernetes sets these variables for services named unbend and unbend-web.
         "UNBEND_SERVICE_HOST": "10.0.0.1",
         "UNBEND_SERVICE_PORT": "8000",
         "UNBEND_SERVICE_PORT_HTTP": "8000",
@@ -197,7 +197,7 @@ def test_variables_that_are_not_for_the_server_are_left_alone(monkeypatch):
         ("://", "neither a path nor"),
     ],
 )
-def test_a_library_that_cannot_be_there_is_refused_by_who_named_it(tmp_path, library, word):
+def test_an_impossible_library_path_is_refused_with_its_source(tmp_path, library, word):
     for said, where in [
         (refusal("--library", library, UNBEND_LIBRARY="a.db"), "--library"),
         (refusal(UNBEND_LIBRARY=library), "UNBEND_LIBRARY"),
@@ -208,9 +208,9 @@ def test_a_library_that_cannot_be_there_is_refused_by_who_named_it(tmp_path, lib
 
 
 @pytest.fixture
-def nobody():
-    """A user whom permissions mean something to."""
-    refusal("--library", ":memory:")  # all that is imported on the way is, before
+def unprivileged_user():
+    """Run the test as a user to whom file permissions apply."""
+    refusal("--library", ":memory:")  # imports all modules while the user may still read them
     user = os.geteuid()
     if user == 0:
         os.seteuid(65534)
@@ -218,7 +218,7 @@ def nobody():
     os.seteuid(user)
 
 
-def test_a_library_that_cannot_be_written_is_refused(nobody):
+def test_a_read_only_library_is_refused(unprivileged_user):
     with tempfile.TemporaryDirectory() as name:
         library = Path(name) / "a.db"
         library.touch(0o444)
@@ -230,12 +230,12 @@ def test_a_library_that_cannot_be_written_is_refused(nobody):
         Path(name).chmod(0o755)
 
 
-def test_a_password_is_not_shown():
+def test_messages_hide_passwords():
     assert "secret" not in refusal("--library", "nothing://user:secret@host/name")
     assert without_password("postgresql://user:secret@host/name") == "postgresql://user:***@host/name"
     assert "secret" not in refusal(UNBEND_TRACES="ftp://user:secret@host")
 
 
-def test_a_wrong_setting_is_an_error_of_ours():
+def test_an_invalid_setting_raises_parameter_error():
     with pytest.raises(ParameterError, match="--workers is 0"):
         read_settings({"workers": 0})

@@ -1,4 +1,4 @@
-"""Shapes over HTTP: upload, look, change, download, remove, on a real server."""
+"""Shapes over HTTP on a real server: upload, read, change, download, remove."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def ring(http):
     return stored(http, small_mesh(200), name="ring", label="torus", parameters=FEW)
 
 
-def test_an_upload_is_a_job_then_a_shape_and_the_second_time_the_shape(http):
+def test_an_upload_becomes_a_shape_and_a_repeated_upload_returns_that_shape(http):
     label = uuid.uuid4().hex
     fields = {"name": "ring", "label": label, "metadata": '{"n": [1, null]}', "parameters": FEW}
     data = small_mesh(201)
@@ -68,7 +68,7 @@ def test_an_upload_is_a_job_then_a_shape_and_the_second_time_the_shape(http):
     assert again.json() == shape | {"ignored": [], "updated": []}
 
 
-def test_every_parameter_can_be_chosen_and_the_record_says_the_dimension(http):
+def test_every_parameter_can_be_set_and_the_record_has_the_dimension(http):
     chosen = {
         "samples": "auto", "tolerance": 0.2, "dimensions": "auto", "criterion": "stress", "threshold": 0.01,
         "starts": 2, "seed": 7, "weights": "inverse", "first_sample": "random", "update": "planar", "scaling": "box",
@@ -79,12 +79,12 @@ def test_every_parameter_can_be_chosen_and_the_record_says_the_dimension(http):
     expected = compute_signature(read_mesh(data), Parameters(**chosen))
     assert shape["parameters"] == Parameters(**chosen).as_dict()
     assert (shape["dimension"], shape["stress"]) == (expected.dimension, pytest.approx(expected.stress))
-    told = http.get(f"/v1/shapes/{shape['id']}/descriptors").json()["descriptors"]["dimension"]
-    assert told[0] == expected.dimension
-    np.testing.assert_allclose(told[1:], expected.representation_errors)
+    reported = http.get(f"/v1/shapes/{shape['id']}/descriptors").json()["descriptors"]["dimension"]
+    assert reported[0] == expected.dimension
+    np.testing.assert_allclose(reported[1:], expected.representation_errors)
 
 
-def test_a_bad_mesh_is_a_failed_job_with_a_code_and_advice(http):
+def test_a_damaged_mesh_becomes_a_failed_job_with_a_code_and_advice(http):
     job = ended(http, post_mesh(http, DAMAGED + b"# over http", file_name="x.off"))
     assert (job["state"], job["shape_id"], job["result"]) == ("failed", None, None)
     assert set(job["error"]) == {"code", "message", "advice"}
@@ -103,7 +103,7 @@ def test_a_bad_mesh_is_a_failed_job_with_a_code_and_advice(http):
         (305, ".off", ".off"),
     ],
 )
-def test_a_file_name_is_only_a_name(server, http, number, file_name, name):
+def test_a_file_name_becomes_a_name_without_its_folders(server, http, number, file_name, name):
     shape = stored(http, small_mesh(number), file_name=file_name, parameters=FEW)
     assert shape["name"] == name
     assert {path.name for path in server.library.parent.iterdir()} <= {
@@ -120,7 +120,7 @@ def test_a_file_name_is_only_a_name(server, http, number, file_name, name):
     assert "\\" not in plain[1]
 
 
-def test_pages_and_the_label_filter_hold_every_shape_once(http):
+def test_the_pages_of_a_label_contain_every_shape_once(http):
     label = uuid.uuid4().hex
     ids = [stored(http, small_mesh(210 + number), label=label, parameters=FEW)["id"] for number in range(5)]
     seen, cursor = [], None
@@ -154,7 +154,7 @@ def test_name_label_and_metadata_can_be_changed(http):
     assert http.get(url).json() == changed.json()
 
 
-def test_a_removed_shape_is_gone_with_everything_of_it(http):
+def test_every_resource_of_a_removed_shape_is_not_found(http):
     shape = stored(http, small_mesh(221), parameters=FEW)
     url = f"/v1/shapes/{shape['id']}"
     response = http.delete(url)
@@ -167,10 +167,10 @@ def test_a_removed_shape_is_gone_with_everything_of_it(http):
         assert (gone.status_code, gone.json()["code"]) == (404, "not_found"), path
     assert http.patch(url, json={"name": "x"}).status_code == 404
     assert http.post("/v1/queries", json={"shape_id": shape["id"]}).status_code == 404
-    assert post_mesh(http, small_mesh(221), parameters=FEW).status_code == 202  # as new
+    assert post_mesh(http, small_mesh(221), parameters=FEW).status_code == 202  # the file is new to the library
 
 
-def test_a_mesh_comes_back_byte_for_byte(http, ring):
+def test_an_uploaded_mesh_is_returned_byte_for_byte(http, ring):
     for headers in ({}, {"Accept": "*/*"}, {"Accept": "application/octet-stream"}, {"Accept": "application/vnd.ply"}):
         response = http.get(f"/v1/shapes/{ring['id']}/mesh", headers=headers)
         assert response.content == small_mesh(200)
@@ -187,7 +187,7 @@ def test_a_mesh_is_converted_by_format_and_by_accept(http, ring, file_type):
         assert response.status_code == 200
         assert response.headers["content-type"] == MEDIA_TYPES[file_type]
         assert response.headers["content-disposition"].startswith(f'attachment; filename="ring.{file_type}"')
-    if file_type != "npz":  # a zip file carries the time
+    if file_type != "npz":  # a zip file contains the time of its creation
         assert by_accept.content == by_format.content
     expected = read_mesh(small_mesh(200))
     vertices, faces = arrays(by_format.content, file_type)
@@ -197,8 +197,8 @@ def test_a_mesh_is_converted_by_format_and_by_accept(http, ring, file_type):
 
 def arrays(data: bytes, file_type: str) -> tuple[np.ndarray, np.ndarray]:
     if file_type == "json":
-        told = json.loads(data)
-        return np.array(told["vertices"]), np.array(told["faces"])
+        reported = json.loads(data)
+        return np.array(reported["vertices"]), np.array(reported["faces"])
     if file_type == "npz":
         with np.load(io.BytesIO(data)) as file:
             return file["vertices"], file["faces"]
@@ -207,7 +207,7 @@ def arrays(data: bytes, file_type: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("part", ["mesh", "signature"])
-def test_a_format_we_do_not_have_is_not_acceptable(http, ring, part):
+def test_an_unsupported_format_is_refused(http, ring, part):
     url = f"/v1/shapes/{ring['id']}/{part}"
     for accept in ("text/html", "image/png, text/plain", "model/stl"):
         response = http.get(url, headers={"Accept": accept})
@@ -216,7 +216,7 @@ def test_a_format_we_do_not_have_is_not_acceptable(http, ring, part):
 
 
 @pytest.mark.parametrize("file_type", MEDIA_TYPES)
-def test_the_whole_form_is_served_in_every_format(http, ring, file_type):
+def test_the_canonical_form_of_all_vertices_is_served_in_every_format(http, ring, file_type):
     expected = canonical_form(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).points
     response = http.get(f"/v1/shapes/{ring['id']}/signature", params={"format": file_type, "whole": True})
     assert response.status_code == 200
@@ -231,7 +231,7 @@ def test_the_whole_form_is_served_in_every_format(http, ring, file_type):
     np.testing.assert_allclose(points, expected, atol=1e-6)
 
 
-def test_a_flattened_sheet_has_its_own_vertices_and_texture_coordinates(http):
+def test_a_flattened_sheet_has_its_vertices_and_texture_coordinates(http):
     surface = cylinder(columns=12, rows=6)
     shape = stored(http, ply(surface), name="roll", parameters=FEW)
     url = f"/v1/shapes/{shape['id']}/flattening"
@@ -245,7 +245,7 @@ def test_a_flattened_sheet_has_its_own_vertices_and_texture_coordinates(http):
     assert http.get(url, headers={"Accept": MEDIA_TYPES["ply"]}).status_code == 406
 
 
-def test_an_stl_comes_back_as_it_was_and_converts(http):
+def test_an_stl_file_is_returned_unchanged_and_can_be_converted(http):
     import trimesh
 
     surface = tetrahedron(3.0)
@@ -257,7 +257,7 @@ def test_an_stl_comes_back_as_it_was_and_converts(http):
     assert len(read_mesh(http.get(url, params={"format": "off"}).content).vertices) == 4
 
 
-def test_a_mesh_whose_format_only_its_name_tells_is_served_like_any_other(http):
+def test_a_mesh_whose_format_is_known_only_by_its_file_name_is_served(http):
     facets = []
     surface = tetrahedron()
     for face in surface.faces:
@@ -292,25 +292,25 @@ def test_a_signature_is_served_in_every_format(http, ring, file_type):
     assert http.get(url).json()["samples"] == expected.samples.tolist()
 
 
-def test_descriptors_are_those_of_the_measures(http, ring):
-    told = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
+def test_descriptors_equal_those_of_the_signature(http, ring):
+    reported = http.get(f"/v1/shapes/{ring['id']}/descriptors").json()["descriptors"]
     expected = compute_signature(read_mesh(small_mesh(200)), Parameters(**SAMPLES)).descriptors
-    assert set(told) == {"spectrum", "moments", "distribution", "dimension", "reeb", "surface_moments"}
-    for name, vector in told.items():
+    assert set(reported) == {"spectrum", "moments", "distribution", "dimension", "reeb", "surface_moments"}
+    for name, vector in reported.items():
         np.testing.assert_allclose(vector, expected[name], rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("update", ["spherical", "planar"])
 def test_geodesics_are_the_distances_from_a_vertex(http, ring, update):
     url = f"/v1/shapes/{ring['id']}/geodesics"
-    told = http.get(url, params={"source": 7, "update": update}).json()
-    assert told["source"] == 7
+    reported = http.get(url, params={"source": 7, "update": update}).json()
+    assert reported["source"] == 7
     expected = geodesic_distances(read_mesh(small_mesh(200)), 7, update=update)[0]
-    np.testing.assert_allclose(told["distances"], expected)
-    assert told["distances"][7] == 0
+    np.testing.assert_allclose(reported["distances"], expected)
+    assert reported["distances"][7] == 0
 
 
-def test_geodesics_to_a_target_have_the_minimal_path(http, ring):
+def test_geodesics_to_a_target_include_the_shortest_path(http, ring):
     url = f"/v1/shapes/{ring['id']}/geodesics"
     answer = http.get(url, params={"source": 0, "target": 30}).json()
     path = np.array(answer["path"])
@@ -321,7 +321,7 @@ def test_geodesics_to_a_target_have_the_minimal_path(http, ring):
     assert "999999" in problem.json()["detail"]
 
 
-def test_geodesics_that_cannot_reach_a_vertex_are_null(http):
+def test_distances_to_unreachable_vertices_are_null(http):
     surface = sheet(columns=3, rows=2)
     corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]
     faces = ["3 " + " ".join(map(str, face)) for face in surface.faces.tolist()]
@@ -334,14 +334,14 @@ def test_geodesics_that_cannot_reach_a_vertex_are_null(http):
     assert None not in distances[:-1]
 
 
-def test_geodesics_need_a_vertex_of_the_shape(http, ring):
+def test_geodesics_from_an_invalid_vertex_are_refused(http, ring):
     url = f"/v1/shapes/{ring['id']}/geodesics"
     for params in ({}, {"source": -1}, {"source": 2**40}, {"source": 0, "update": "straight"}):
         assert http.get(url, params=params).status_code == 422, params
     assert http.get(url, params={"source": 60}).status_code == 409
 
 
-def test_a_mesh_read_in_two_ways_is_two_shapes_each_with_its_policy(http):
+def test_a_mesh_read_by_two_policies_becomes_two_shapes(http):
     data = ply(two_rings(0))
     largest = stored(http, data, parameters=FEW)
     bridged = stored(http, data, parameters=FEW, policy='{"components": "bridge"}')
@@ -365,7 +365,7 @@ def test_a_mesh_read_in_two_ways_is_two_shapes_each_with_its_policy(http):
     assert http.get(f"/v1/shapes/{largest['id']}/geodesics", params={"source": 0}).json()["distances"][60] is None
 
 
-def test_geodesics_of_a_simplified_mesh_are_for_the_vertices_of_its_file(http):
+def test_geodesics_of_a_simplified_mesh_refer_to_the_vertices_of_its_file(http):
     surface, left, count = two_rings(0, columns=100, rows=20), 2000, 2018
     data = ply(surface)
     shape = stored(http, data, parameters=FEW, policy='{"max_vertices": 1000}')
@@ -390,7 +390,7 @@ def test_geodesics_of_a_simplified_mesh_are_for_the_vertices_of_its_file(http):
     assert ends.max() < 0.05 * expected.max()
 
 
-def test_geodesics_from_a_vertex_that_vanished_are_refused_in_words(http):
+def test_geodesics_of_a_vertex_lost_in_simplification_are_refused(http):
     shape = stored(http, ply(two_rings(1)), parameters=FEW, policy='{"max_vertices": 40}')
     url = f"/v1/shapes/{shape['id']}/geodesics"
     for params, name in (({"source": 70}, "source"), ({"source": 0, "target": 70}, "target")):
@@ -406,9 +406,9 @@ def test_geodesics_from_a_vertex_that_vanished_are_refused_in_words(http):
     ['{"a": NaN}', '{"a": Infinity}', '{"a": 1e999}', '{"a": "\\ud800"}', '{"a":' * 60_000, "[" * 60_000],
     ids=["nan", "infinity", "overflow", "half a character", "deep", "deep list"],
 )
-def test_metadata_that_json_cannot_give_back_is_refused_and_harms_no_other_shape(http, metadata):
+def test_metadata_that_is_not_valid_json_is_refused_on_upload(http, metadata):
     response = post_mesh(http, small_mesh(230), metadata=metadata, parameters=FEW)
-    if response.status_code == 202:  # clean up, so that the tests after this one have a sound library
+    if response.status_code == 202:  # on a failure, clean up for the tests that follow
         job = ended(http, response)
         listed = http.get("/v1/shapes", params={"limit": 500}).status_code
         http.delete(f"/v1/shapes/{job['shape_id']}")
@@ -419,7 +419,7 @@ def test_metadata_that_json_cannot_give_back_is_refused_and_harms_no_other_shape
 @pytest.mark.parametrize(
     "body", ['{"metadata": {"a": NaN}}', '{"metadata": {"a": Infinity}}', '{"metadata": {"a": "\\ud800"}}']
 )
-def test_a_change_to_metadata_that_json_cannot_give_back_is_refused(http, body):
+def test_metadata_that_is_not_valid_json_is_refused_in_a_change(http, body):
     shape = stored(http, small_mesh(231), parameters=FEW)
     url = f"/v1/shapes/{shape['id']}"
     response = http.patch(url, content=body, headers={"Content-Type": "application/json"})
@@ -428,6 +428,6 @@ def test_a_change_to_metadata_that_json_cannot_give_back_is_refused(http, body):
     assert response.status_code == 422, response.text
 
 
-def test_a_name_from_a_file_has_the_same_limit_as_a_name_given(http):
+def test_a_name_from_a_file_has_at_most_200_characters(http):
     shape = stored(http, small_mesh(232), file_name="x" * 300 + ".ply", parameters=FEW)
     assert len(shape["name"]) <= 200

@@ -1,4 +1,4 @@
-"""Spans as a collector gets them: of a real server, over loopback."""
+"""Traces of a real server, as a collector on loopback receives them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PATIENCE = 30.0
 
 @dataclass
 class Collector:
-    """What has come over OTLP so far."""
+    """Collects the spans received over OTLP."""
 
     url: str = ""
     spans: list[Span] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Collector:
                 self.spans += scope.spans
 
     def until(self, found: Callable[[Span], bool], count: int = 1) -> list[Span]:
-        """The spans that are asked for, when there are as many."""
+        """Wait until `count` spans match, and return them."""
         end = time.monotonic() + PATIENCE
         while len(chosen := [span for span in list(self.spans) if found(span)]) < count:
             assert time.monotonic() < end, sorted(span.name for span in self.spans)
@@ -122,7 +122,7 @@ def traceparent() -> tuple[str, bytes, bytes]:
     return f"00-{trace.hex()}-{parent.hex()}-01", trace, parent
 
 
-def test_a_job_is_told_below_its_upload_with_the_times_of_its_stages(collector, traced):
+def test_the_span_of_a_job_is_a_child_of_its_upload_and_contains_its_stages(collector, traced):
     header, trace, caller = traceparent()
     before = time.time_ns()
     with traced.http() as http:
@@ -137,8 +137,8 @@ def test_a_job_is_told_below_its_upload_with_the_times_of_its_stages(collector, 
     (upload,) = collector.until(lambda span: attributes(span).get("unbend.request_id") == "an-upload")
     assert (upload.trace_id, upload.parent_span_id, upload.name) == (trace, caller, "POST /v1/shapes")
     assert upload.kind == Span.SPAN_KIND_SERVER
-    told = attributes(upload)
-    assert (told["http.route"], told["http.response.status_code"], told["unbend.job.id"]) == (
+    reported = attributes(upload)
+    assert (reported["http.route"], reported["http.response.status_code"], reported["unbend.job.id"]) == (
         "/v1/shapes",
         202,
         job["id"],
@@ -146,9 +146,9 @@ def test_a_job_is_told_below_its_upload_with_the_times_of_its_stages(collector, 
 
     span = collector.of_job(job["id"])
     assert (span.name, span.trace_id, span.parent_span_id) == ("shape job", trace, upload.span_id)
-    told = attributes(span)
-    assert (told["unbend.job.outcome"], told["unbend.job.attempts"]) == ("succeeded", 1)
-    assert told["unbend.shape.id"] == job["shape_id"]
+    reported = attributes(span)
+    assert (reported["unbend.job.outcome"], reported["unbend.job.attempts"]) == ("succeeded", 1)
+    assert reported["unbend.shape.id"] == job["shape_id"]
     assert [(event.name, attributes(event)) for event in span.events] == [("attempt", {"unbend.job.attempt": 1})]
     assert span.status.code == Status.STATUS_CODE_UNSET
 
@@ -170,7 +170,7 @@ def test_a_job_is_told_below_its_upload_with_the_times_of_its_stages(collector, 
     assert collector.resources[0]["service.version"]
 
 
-def test_the_job_of_a_query_that_is_waited_for_is_told_too(collector, traced):
+def test_the_span_of_a_query_job_is_a_child_of_its_request(collector, traced):
     header, trace, _ = traceparent()
     with traced.http() as http:
         answer = http.post(
@@ -185,21 +185,21 @@ def test_the_job_of_a_query_that_is_waited_for_is_told_too(collector, traced):
     assert spans["POST /v1/queries"].end_time_unix_nano > spans["query job"].end_time_unix_nano
 
 
-def test_a_job_that_fails_or_is_cancelled_says_so(collector, traced):
+def test_the_span_of_a_failed_or_cancelled_job_has_its_outcome(collector, traced):
     with traced.http() as http:
         bad = ended(http, post_mesh(http, DAMAGED, file_name="bad.off"))
         mesh = endless_mesh()
         begun, in_hand, waits = (
             post_mesh(http, mesh, parameters=json.dumps(ENDLESS | {"dimensions": dimensions})).headers["Location"]
-            for dimensions in (3, 4, 5)  # one worker is given two jobs
+            for dimensions in (3, 4, 5)  # the runner gives a worker two jobs at a time
         )
         while http.get(in_hand).json()["state"] != "running":
             time.sleep(0.05)
         cancelled = [http.delete(url).json() for url in (waits, in_hand, begun)]
     span = collector.of_job(bad["id"])
-    told = attributes(span)
-    assert (told["unbend.job.outcome"], told["error.type"]) == ("failed", "mesh_read")
-    assert (told["unbend.job.stage"], span.status.code) == ("reading", Status.STATUS_CODE_ERROR)
+    reported = attributes(span)
+    assert (reported["unbend.job.outcome"], reported["error.type"]) == ("failed", "mesh_read")
+    assert (reported["unbend.job.stage"], span.status.code) == ("reading", Status.STATUS_CODE_ERROR)
     assert set(collector.below(span, 1)) == {"waiting"}
     never, _, stopped = (collector.of_job(job["id"]) for job in cancelled)
     assert attributes(never)["unbend.job.outcome"] == attributes(stopped)["unbend.job.outcome"] == "cancelled"
@@ -209,7 +209,7 @@ def test_a_job_that_fails_or_is_cancelled_says_so(collector, traced):
     assert waiting.end_time_unix_nano == never.end_time_unix_nano
 
 
-def test_spans_are_named_by_templates_and_hold_no_secret(collector, traced):
+def test_spans_are_named_by_route_templates_and_contain_no_secrets(collector, traced):
     header, trace, _ = traceparent()
     headers = {"traceparent": header, "Authorization": "Bearer unbend_a_s3cret", "Cookie": "s3cret"}
     with traced.http() as http:
@@ -226,7 +226,7 @@ def test_spans_are_named_by_templates_and_hold_no_secret(collector, traced):
     assert b"s3cret" not in collector.raw
 
 
-def test_a_caller_who_is_not_traced_costs_no_span_and_odd_headers_no_answer(collector, traced):
+def test_an_unsampled_request_has_no_span_and_malformed_headers_do_no_harm(collector, traced):
     header, trace, _ = traceparent()
     with traced.http() as http:
         http.get("/v1/capacity", headers={"traceparent": header[:-2] + "00"})
@@ -243,11 +243,11 @@ def test_a_caller_who_is_not_traced_costs_no_span_and_odd_headers_no_answer(coll
 def stopped_in(server: Server) -> float:
     begun = time.monotonic()
     server.stop()
-    assert server.process.returncode in {0, -signal.SIGTERM}  # it ends as it was asked to, once all is done
+    assert server.process.returncode in {0, -signal.SIGTERM}  # a clean exit
     return time.monotonic() - begun
 
 
-def test_what_is_left_is_sent_when_the_server_stops(collector, tmp_path, monkeypatch):
+def test_unsent_spans_are_sent_when_the_server_stops(collector, tmp_path, monkeypatch):
     monkeypatch.setenv("OTEL_BSP_SCHEDULE_DELAY", "600000")
     header, trace, _ = traceparent()
     with Server(tmp_path, workers=1, ready=False, traces=f"{collector.url}/v1/traces") as server:
@@ -258,7 +258,7 @@ def test_what_is_left_is_sent_when_the_server_stops(collector, tmp_path, monkeyp
     assert [span.name for span in collector.spans if span.trace_id == trace] == ["GET /v1/capacity"]
 
 
-def test_a_collector_that_never_answers_slows_nothing_and_ends_with_the_server(tmp_path, monkeypatch):
+def test_a_collector_that_never_answers_delays_neither_requests_nor_the_exit(tmp_path, monkeypatch):
     monkeypatch.setenv("OTEL_BSP_SCHEDULE_DELAY", "50")
     asked, end = threading.Event(), threading.Event()
 
@@ -274,7 +274,7 @@ def test_a_collector_that_never_answers_slows_nothing_and_ends_with_the_server(t
                 assert asked.wait(PATIENCE)
                 begun = time.monotonic()
                 assert all(http.get("/v1/capacity").status_code == 200 for _ in range(20))
-                assert time.monotonic() - begun < 5  # the exporter would wait for ten seconds
+                assert time.monotonic() - begun < 5  # the exporter waits for ten seconds
             assert stopped_in(server) < 9
     finally:
         end.set()
@@ -292,7 +292,7 @@ def shape_job(job_id: str, **values: object) -> JobRecord:
     return replace(record, **values)
 
 
-def test_every_attempt_is_told_and_a_job_of_an_earlier_server_has_no_parent(collector):
+def test_a_span_has_every_attempt_and_no_parent_if_the_upload_is_unknown(collector):
     traces, job_id = Traces(collector.url), secrets.token_hex(8)
     begin = datetime.now(UTC)
     later = begin + timedelta(seconds=2)
@@ -308,7 +308,7 @@ def test_every_attempt_is_told_and_a_job_of_an_earlier_server_has_no_parent(coll
     assert attributes(span)["error.type"] == "worker_lost"
 
 
-def test_what_is_remembered_of_jobs_that_never_end_is_bounded(collector):
+def test_the_memory_for_unfinished_jobs_is_bounded(collector):
     traces, job, own = Traces(collector.url), shape_job(""), secrets.token_hex(8)
     for number in range(20_001):
         traces.begun(replace(job, id=f"{own}-{number}"))
@@ -318,7 +318,7 @@ def test_what_is_remembered_of_jobs_that_never_end_is_bounded(collector):
     assert [len(collector.of_job(f"{own}-{number}").events) for number in (0, 1)] == [0, 1]
 
 
-def test_a_collector_that_is_away_is_not_waited_for(caplog):
+def test_an_unreachable_collector_delays_nothing(caplog):
     traces = Traces("http://127.0.0.1:9")
     begun = time.monotonic()
     traces.ended(shape_job("a", state="succeeded", finished_at=datetime.now(UTC)))
@@ -328,10 +328,10 @@ def test_a_collector_that_is_away_is_not_waited_for(caplog):
     assert "exporting span" in caplog.text
 
 
-def test_nothing_is_imported_before_it_is_asked_for_and_nothing_then_warns():
+def test_tracing_packages_are_imported_only_on_demand_and_without_warnings():
     code = (
         "import sys; from unbend.api import create_app; create_app();"
-        # FastAPI itself brings the names of OpenTelemetry, in later versions
+        # later versions of FastAPI import the OpenTelemetry API
         "parts = ('opentelemetry.sdk', 'opentelemetry.exporter', 'opentelemetry.instrumentation', 'requests');"
         "print([name for name in sys.modules if name.startswith(parts)]);"
         "import warnings; warnings.simplefilter('error'); import unbend.api.server.traces"
@@ -345,7 +345,7 @@ def test_nothing_is_imported_before_it_is_asked_for_and_nothing_then_warns():
 @pytest.mark.parametrize(
     "missing", ["opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http", "opentelemetry.instrumentation.asgi"]
 )
-def test_where_the_packages_are_missing_a_server_does_not_start(monkeypatch, missing, tmp_path):
+def test_a_server_with_traces_does_not_start_without_the_packages(monkeypatch, missing, tmp_path):
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(ParameterError, match=r"--traces: traces need more packages: pip install 'unbend\[traces\]'"):
         read_settings({"traces": "http://localhost:4318", "library": str(tmp_path / "a.db")})

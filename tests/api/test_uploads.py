@@ -1,4 +1,4 @@
-"""The same file twice, the same request twice, and keys that have limits."""
+"""Repeated uploads of a file, repeated requests with an idempotency key, and limits of API keys."""
 
 from __future__ import annotations
 
@@ -37,26 +37,31 @@ def http(server):
         yield client
 
 
-def test_what_a_stored_shape_did_not_take_is_said(http):
+def test_a_repeated_upload_lists_the_fields_it_ignored(http):
     first = ended(http, post_mesh(http, small_mesh(1), parameters=FEW, name="first", label="cat"))
     again = post_mesh(http, small_mesh(1), parameters=FEW, name="second", label="dog", metadata='{"a": 1}')
     assert again.status_code == 200
-    told = again.json()
-    assert (told["id"], told["name"], told["label"]) == (first["shape_id"], "first", "cat")
-    assert told["ignored"] == ["label", "metadata", "name"]
+    reported = again.json()
+    assert (reported["id"], reported["name"], reported["label"]) == (first["shape_id"], "first", "cat")
+    assert reported["ignored"] == ["label", "metadata", "name"]
     same = post_mesh(http, small_mesh(1), parameters=FEW, label="cat", file_name="other.ply").json()
     assert same["ignored"] == []
 
 
-def test_a_stored_shape_takes_what_is_sent_where_that_is_asked(http):
+def test_a_repeated_upload_updates_the_shape_on_request(http):
     first = ended(http, post_mesh(http, small_mesh(2), parameters=FEW, name="first", label="cat"))
-    told = post_mesh(http, small_mesh(2), parameters=FEW, label="dog", if_known="update").json()
-    assert (told["id"], told["name"], told["label"], told["ignored"]) == (first["shape_id"], "first", "dog", [])
+    reported = post_mesh(http, small_mesh(2), parameters=FEW, label="dog", if_known="update").json()
+    assert (reported["id"], reported["name"], reported["label"], reported["ignored"]) == (
+        first["shape_id"],
+        "first",
+        "dog",
+        [],
+    )
     assert http.get(f"/v1/shapes/{first['shape_id']}").json()["label"] == "dog"
     check(post_mesh(http, small_mesh(2), parameters=FEW, if_known="perhaps"), 422, "request_invalid")
 
 
-def test_two_people_who_upload_the_same_bytes_have_a_job_each(http):
+def test_simultaneous_uploads_of_one_file_have_separate_jobs(http):
     mine = post_mesh(http, medium_mesh(), name="mine", label="a")
     theirs = post_mesh(http, medium_mesh(), name="theirs", label="b")
     changed = post_mesh(http, medium_mesh(), label="c", if_known="update")
@@ -69,13 +74,13 @@ def test_two_people_who_upload_the_same_bytes_have_a_job_each(http):
     assert (shape["name"], shape["label"]) == ("theirs", "c")
 
 
-def test_a_job_that_comes_second_says_what_was_not_taken(http):
+def test_the_second_of_two_simultaneous_jobs_lists_the_fields_it_ignored(http):
     answers = [post_mesh(http, small_mesh(3), parameters=FEW, label=label) for label in "ab"]
     jobs = [answer.json() if answer.status_code == 200 else ended(http, answer) for answer in answers]
     assert jobs[1]["ignored"] == ["label"]
 
 
-def test_a_request_sent_again_under_its_name_is_done_once(tmp_path):
+def test_a_request_repeated_with_its_idempotency_key_runs_once(tmp_path):
     form = {"files": {"file": ("m.off", DAMAGED)}}
     names = {"Idempotency-Key": "3f1c-the-first"}
     with Server(tmp_path, workers=1) as server, server.http() as http:
@@ -97,7 +102,7 @@ def test_a_request_sent_again_under_its_name_is_done_once(tmp_path):
 
 @pytest.fixture
 def keyed(tmp_path):
-    """A server whose library has keys, and what makes more of them."""
+    """A client of a server whose library has keys, and a function that creates more keys."""
 
     def key(scope: str, **limits) -> dict[str, str]:
         with Library(str(tmp_path / "library.db")) as library:
@@ -108,7 +113,7 @@ def keyed(tmp_path):
         yield http, key
 
 
-def test_jobs_are_seen_by_the_key_that_made_them(keyed):
+def test_jobs_are_visible_only_to_their_key_and_to_admins(keyed):
     http, key = keyed
     mine, theirs, admin = key("write"), key("write"), key("admin")
     form = {"files": {"file": ("m.ply", endless_mesh())}, "data": {"parameters": LONG}}
@@ -126,7 +131,7 @@ def test_jobs_are_seen_by_the_key_that_made_them(keyed):
     assert http.delete("/v1/jobs", params=tomorrow, headers=mine).json() == {"forgotten": 1}
 
 
-def test_a_key_has_as_many_jobs_as_it_may(keyed):
+def test_a_key_has_a_limit_of_unfinished_jobs(keyed):
     http, key = keyed
     mine, others = key("write", most_jobs=2), key("write")
     form = {"files": {"file": ("m.ply", endless_mesh())}, "data": {"parameters": LONG}}
@@ -143,7 +148,7 @@ def test_a_key_has_as_many_jobs_as_it_may(keyed):
         http.delete(f"/v1/jobs/{job['id']}", headers=mine)
 
 
-def test_a_key_is_refused_when_its_time_is_over_and_the_library_stays_closed(keyed):
+def test_an_expired_key_is_refused_and_keys_stay_required(keyed):
     http, key = keyed
     soon = key("read", expires_at=datetime.now(UTC) + timedelta(seconds=2))
     assert http.get("/v1/shapes", headers=soon).status_code == 200

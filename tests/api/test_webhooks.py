@@ -1,4 +1,4 @@
-"""Webhooks: who is told of a job's end, how it is signed, and what becomes of an address that does not answer."""
+"""Webhooks: delivery when a job ends, signatures, retries, and allowed addresses."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ ON = {"webhook_hosts": "127.0.0.1, hooks.example", "webhook_secret": SECRET}
 
 
 class Receiver:
-    """A server that keeps what it is told, and answers with the statuses given, 200 after them."""
+    """A server that records the requests it gets, and answers with the given statuses, then with 200."""
 
     def __init__(self, *statuses: int) -> None:
-        self.told: list[tuple[dict[str, str], bytes]] = []
+        self.requests: list[tuple[dict[str, str], bytes]] = []
         self.statuses = list(statuses)
         receiver = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_POST(self) -> None:
                 body = self.rfile.read(int(self.headers["Content-Length"]))
-                receiver.told.append(({name.lower(): value for name, value in self.headers.items()}, body))
+                receiver.requests.append(({name.lower(): value for name, value in self.headers.items()}, body))
                 self.send_response(receiver.statuses.pop(0) if receiver.statuses else 200)
                 self.send_header("Location", "/elsewhere")
                 self.send_header("Content-Length", "0")
@@ -56,8 +56,8 @@ class Receiver:
 
     def until(self, count: int) -> None:
         end = time.monotonic() + PATIENCE
-        while len(self.told) < count:
-            assert time.monotonic() < end, self.told
+        while len(self.requests) < count:
+            assert time.monotonic() < end, self.requests
             time.sleep(0.05)
 
 
@@ -68,7 +68,7 @@ def receiver(request):
     made.close()
 
 
-def test_an_address_is_told_once_of_each_end_and_can_check_who_told_it(tmp_path, receiver):
+def test_each_job_is_delivered_once_with_a_valid_signature(tmp_path, receiver):
     with Server(tmp_path, workers=1, **ON) as server, server.http() as http:
         good = ended(http, post_mesh(http, small_mesh(1), parameters=FEW, callback=receiver.url))
         bad = ended(http, post_mesh(http, DAMAGED, file_name="m.off", callback=receiver.url))
@@ -76,8 +76,8 @@ def test_an_address_is_told_once_of_each_end_and_can_check_who_told_it(tmp_path,
         query = ended(http, http.post("/v1/queries", **form))
         receiver.until(3)
         time.sleep(2.5)
-    assert len(receiver.told) == 3
-    for job, (headers, body) in zip((good, bad, query), receiver.told, strict=True):
+    assert len(receiver.requests) == 3
+    for job, (headers, body) in zip((good, bad, query), receiver.requests, strict=True):
         assert headers["webhook-id"] == job["id"]
         signed = f"{job['id']}.{headers['webhook-timestamp']}.".encode() + body
         digest = base64.b64encode(hmac.new(SECRET.encode(), signed, hashlib.sha256).digest()).decode()
@@ -90,18 +90,18 @@ def test_an_address_is_told_once_of_each_end_and_can_check_who_told_it(tmp_path,
 
 
 @pytest.mark.parametrize("receiver", [(500, 302)], indirect=True)
-def test_an_address_that_fails_is_told_again_and_no_redirect_is_followed(tmp_path, receiver):
+def test_a_failed_delivery_is_retried_and_redirects_are_not_followed(tmp_path, receiver):
     with Server(tmp_path, workers=1, **ON) as server, server.http() as http:
         ended(http, post_mesh(http, small_mesh(1), parameters=FEW, callback=receiver.url))
         receiver.until(3)
-    assert len({headers["webhook-id"] for headers, _ in receiver.told}) == 1
+    assert len({headers["webhook-id"] for headers, _ in receiver.requests}) == 1
     assert "attempt 2: status 302" in server.log.read_text()
 
 
-def test_what_was_not_told_is_told_by_the_next_server(tmp_path, receiver):
+def test_the_next_server_delivers_pending_webhooks(tmp_path, receiver):
     with Server(tmp_path, workers=1, **ON) as server, server.http() as http:
-        nobody = receiver.url.replace(str(receiver.server.server_port), "9")
-        job = ended(http, post_mesh(http, small_mesh(1), parameters=FEW, callback=nobody))
+        unreachable = receiver.url.replace(str(receiver.server.server_port), "9")
+        job = ended(http, post_mesh(http, small_mesh(1), parameters=FEW, callback=unreachable))
         server.kill()
     receiver.close()
     again = Receiver()
@@ -110,7 +110,7 @@ def test_what_was_not_told_is_told_by_the_next_server(tmp_path, receiver):
             connection.execute("UPDATE jobs SET callback = ?, callback_due = 1", (again.url,))
         with Server(tmp_path, workers=1, ready=False, **ON):
             again.until(1)
-        assert again.told[0][0]["webhook-id"] == job["id"]
+        assert again.requests[0][0]["webhook-id"] == job["id"]
     finally:
         again.close()
 
@@ -129,12 +129,12 @@ def http(tmp_path_factory):
 
 
 @pytest.mark.parametrize("address", REFUSED)
-def test_addresses_that_are_not_named_are_refused_when_they_are_sent(http, address):
+def test_addresses_that_are_not_allowed_are_refused_on_upload(http, address):
     response = post_mesh(http, small_mesh(1), parameters=FEW, callback=address)
     assert "callback" in check(response, 409, "unsuited")["detail"]
 
 
-def test_nobody_is_called_by_default(tmp_path, receiver):
+def test_webhooks_are_refused_by_default(tmp_path, receiver):
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as api:
         response = post_mesh(api, small_mesh(1), parameters=FEW, callback=receiver.url)
         assert "UNBEND_WEBHOOK_HOSTS" in check(response, 409, "unsuited")["detail"]
@@ -147,6 +147,6 @@ def test_a_secret_that_is_no_base64_is_refused_at_the_start(monkeypatch):
         Settings()
 
 
-def test_hosts_without_a_secret_are_refused_at_the_start(tmp_path):
+def test_a_server_with_webhooks_does_not_start_without_a_secret(tmp_path):
     with pytest.raises(RuntimeError, match="16 characters"):
         Server(tmp_path, workers=1, webhook_hosts="hooks.example", webhook_secret="short")  # noqa: S106

@@ -1,4 +1,4 @@
-"""The files of `mesh_cases` on the command line: the area they should have, or the same sentence."""
+"""The files of `mesh_cases` on the command line: each has its area, or fails with its message."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import json
 
 import pytest
 
-from tests.support.commands import called, failed_with_a_sentence, succeeded
+from tests.support.commands import failed_with_a_sentence, in_process, succeeded
 from tests.support.mesh_cases import AREAS, CASES, REFUSED, surface_area_of
 
 
 @pytest.mark.parametrize("name", AREAS)
-def test_a_case_has_the_area_it_should_have(tmp_path, name):
+def test_every_valid_mesh_file_has_its_area(tmp_path, name):
     target = tmp_path / "signature.json"
-    succeeded("signature", CASES / name, "-o", target, "--samples", 4, run=called)
+    succeeded("signature", CASES / name, "-o", target, "--samples", 4, run=in_process)
     scale = json.loads(target.read_text())["scale"]  # by default the square root of the area
     assert scale**2 == pytest.approx(surface_area_of(name), rel=1e-4)
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_case_that_is_not_read_says_why(tmp_path, name):
-    failed_with_a_sentence(called("signature", CASES / name, "-o", tmp_path / "signature.json"), REFUSED[name])
+def test_every_unreadable_mesh_file_is_refused_with_its_message(tmp_path, name):
+    failed_with_a_sentence(in_process("signature", CASES / name, "-o", tmp_path / "signature.json"), REFUSED[name])

@@ -1,4 +1,4 @@
-"""The command line, as a process: what it prints, where, and its exit status."""
+"""The command line: its output, its messages and its exit status."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.commands import called, failed_with_a_sentence, succeeded, unbend
+from tests.support.commands import failed_with_a_sentence, in_process, succeeded, unbend
 from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
 from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import evaluate
@@ -34,7 +34,7 @@ MEMBERS = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Two classes in two folders, with labels."""
+    """A folder of two classes in two subfolders, with a file of labels."""
     made = tmp_path_factory.mktemp("meshes")
     lines = ["path,class,more"]
     for name, surface in MEMBERS.items():
@@ -49,7 +49,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def library(folder, tmp_path_factory) -> str:
-    """A library that the folder was imported into."""
+    """A library with the shapes of the folder."""
     path = tmp_path_factory.mktemp("library") / "library.db"
     done = succeeded("import", folder, "--labels", folder / "labels.csv", "--library", path)
     assert done.stdout == "5 of 5 shapes imported: 5 new\n"
@@ -57,12 +57,12 @@ def library(folder, tmp_path_factory) -> str:
 
 
 def test_help_lists_the_commands():
-    told = succeeded("--help").stdout
-    assert {line.split()[0] for line in told.split("Commands:")[1].splitlines() if line.strip()} == COMMANDS
+    reported = succeeded("--help").stdout
+    assert {line.split()[0] for line in reported.split("Commands:")[1].splitlines() if line.strip()} == COMMANDS
     assert succeeded("--version").stdout.strip() == "unbend, version 0.1.0"
 
 
-def test_help_loads_nothing_heavy():
+def test_help_imports_no_heavy_packages():
     heavy = "('numpy', 'numba', 'scipy', 'trimesh', 'sqlalchemy', 'fastapi', 'httpx')"
     code = f"import sys, unbend.cli; print([name for name in {heavy} if name in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -71,12 +71,12 @@ def test_help_loads_nothing_heavy():
 
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_every_command_has_help(command):
-    assert "Usage:" in succeeded(command, "--help", run=called).stdout
+    assert "Usage:" in succeeded(command, "--help", run=in_process).stdout
 
 
-def test_the_whole_form_has_every_vertex(folder, tmp_path):
+def test_the_whole_option_gives_every_vertex(folder, tmp_path):
     mesh, output = folder / "sheets/rolled.ply", tmp_path / "form.ply"
-    done = succeeded("signature", mesh, "-o", output, "--whole", "--samples", 30, run=called)
+    done = succeeded("signature", mesh, "-o", output, "--whole", "--samples", 30, run=in_process)
     surface = read_mesh(mesh)
     assert f"{len(surface.vertices)} points in 3 dimensions" in done.stderr
     form = read_mesh(output)
@@ -87,29 +87,29 @@ def test_the_whole_form_has_every_vertex(folder, tmp_path):
 
 def test_a_rolled_sheet_is_flattened_without_distortion(folder, tmp_path):
     output = tmp_path / "flat.obj"
-    done = succeeded("flatten", folder / "sheets/rolled.ply", "-o", output, "--samples", 60, run=called)
+    done = succeeded("flatten", folder / "sheets/rolled.ply", "-o", output, "--samples", 60, run=in_process)
     assert "turned over" in done.stderr
     lines = output.read_text().splitlines()
     uv = np.array([line.split()[1:] for line in lines if line.startswith("vt ")], float)
     assert uv.min() >= 0
     np.testing.assert_allclose(np.sort(np.ptp(uv, axis=0)), [GRID["rows"] / GRID["columns"], 1.0], atol=0.02)
-    refused = called("flatten", folder / "sheets/rolled.ply", "-o", tmp_path / "flat.off")
+    refused = in_process("flatten", folder / "sheets/rolled.ply", "-o", tmp_path / "flat.off")
     assert refused.returncode != 0
     assert "obj, glb" in refused.stderr
 
 
 def test_auto_dimensions_are_found(folder):
-    done = succeeded("signature", folder / "sheets/rolled.ply", "--samples", 30, "--dimensions", "auto", run=called)
-    told = json.loads(done.stdout)
-    assert told["parameters"]["dimensions"] == "auto"
-    assert len(told["points"][0]) == 2
+    done = succeeded("signature", folder / "sheets/rolled.ply", "--samples", 30, "--dimensions", "auto", run=in_process)
+    reported = json.loads(done.stdout)
+    assert reported["parameters"]["dimensions"] == "auto"
+    assert len(reported["points"][0]) == 2
 
 
 @pytest.mark.parametrize("file_type", ["ply", "obj", "off", "glb", "npz", "json"])
 def test_a_signature_is_written_in_every_format(folder, tmp_path, file_type):
     mesh, output = folder / "sheets/rolled.ply", tmp_path / f"out.{file_type.upper()}"
     done = succeeded(
-        "signature", mesh, "-o", output, "--samples", 30, "--dimensions", 2, "--method", "classical", run=called
+        "signature", mesh, "-o", output, "--samples", 30, "--dimensions", 2, "--method", "classical", run=in_process
     )
     assert done.stdout == ""
     assert "30 points in 2 dimensions" in done.stderr
@@ -125,7 +125,7 @@ def test_a_signature_is_written_in_every_format(folder, tmp_path, file_type):
     np.testing.assert_allclose(points[:, :2], expected, atol=1e-6)
 
 
-def test_a_signature_goes_to_standard_output_as_one_json_object(folder):
+def test_a_signature_is_printed_as_one_json_object(folder):
     done = succeeded("signature", folder / "rings/thin.ply", "--samples", 20)
     assert json.loads(done.stdout)["parameters"] == Parameters(samples=20).as_dict()
     assert done.stderr == ""
@@ -139,21 +139,21 @@ def test_every_parameter_is_an_option(folder):
     }  # fmt: skip
     assert set(chosen) == set(asdict(Parameters()))
     options = [word for name, value in chosen.items() for word in (f"--{name.replace('_', '-')}", value)]
-    done = succeeded("signature", folder / "rings/thin.ply", *options, run=called)
-    told, expected = (
+    done = succeeded("signature", folder / "rings/thin.ply", *options, run=in_process)
+    reported, expected = (
         json.loads(done.stdout),
         compute_signature(read_mesh(folder / "rings/thin.ply"), Parameters(**chosen)),
     )
-    assert told["parameters"] == Parameters(**chosen).as_dict()
-    np.testing.assert_allclose(told["points"], expected.points, atol=1e-6)
+    assert reported["parameters"] == Parameters(**chosen).as_dict()
+    np.testing.assert_allclose(reported["points"], expected.points, atol=1e-6)
 
 
-def test_what_was_repaired_is_said_on_standard_error(tmp_path):
+def test_repairs_are_reported_on_standard_error(tmp_path):
     surface = sheet(columns=3, rows=2)
     corners = [" ".join(map(str, vertex)) for vertex in [*surface.vertices.tolist(), [9, 9, 9]]]
     faces = ["3 " + " ".join(map(str, face)) for face in surface.faces.tolist()]
     (tmp_path / "x.off").write_text("\n".join([f"OFF {len(corners)} {len(faces)} 0", *corners, *faces]))
-    done = succeeded("signature", tmp_path / "x.off", run=called)
+    done = succeeded("signature", tmp_path / "x.off", run=in_process)
     assert done.stderr.startswith("x.off: ")
     json.loads(done.stdout)
 
@@ -162,10 +162,10 @@ def test_what_was_repaired_is_said_on_standard_error(tmp_path):
 def test_compare_prints_the_distance(folder, measure):
     a, b = folder / "sheets/flat.ply", folder / "rings/thin.ply"
     options = ["--measure", measure] if measure else []
-    told = float(succeeded("compare", a, b, *options, run=called).stdout)
+    reported = float(succeeded("compare", a, b, *options, run=in_process).stdout)
     expected = compare(*(compute_signature(read_mesh(path)) for path in (a, b)), measure or "spectrum")
-    assert told == pytest.approx(expected, rel=1e-5)
-    assert float(succeeded("compare", a, a, *options, run=called).stdout) == 0
+    assert reported == pytest.approx(expected, rel=1e-5)
+    assert float(succeeded("compare", a, a, *options, run=in_process).stdout) == 0
 
 
 def test_an_import_with_labels_stores_every_file_with_its_class(library):
@@ -174,12 +174,12 @@ def test_an_import_with_labels_stores_every_file_with_its_class(library):
         assert [shape.name for shape in opened.page().items] == [Path(name).stem for name in MEMBERS]
 
 
-def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder, tmp_path):
+def test_an_import_can_use_folders_as_labels_and_names_files_that_fail(folder, tmp_path):
     for name in MEMBERS:
         (tmp_path / "in" / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / "in" / name).write_bytes((folder / name).read_bytes())
     (tmp_path / "in/rings/broken.off").write_bytes(DAMAGED)
-    (tmp_path / "in/rings/folder.off").mkdir()  # named like a mesh, but none
+    (tmp_path / "in/rings/folder.off").mkdir()  # a folder with the name of a mesh
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--library", tmp_path / "library.db")
     assert done.returncode == 3, done.stderr
     assert done.stdout == "5 of 6 shapes imported: 5 new\n"
@@ -190,9 +190,9 @@ def test_an_import_can_take_labels_from_folders_and_names_files_that_fail(folder
         assert opened.labels() == {"sheets": 3, "rings": 2}
 
 
-def test_an_import_again_stores_nothing_twice(folder, library):
+def test_a_repeated_import_stores_nothing_twice(folder, library):
     assert (
-        succeeded("import", folder, "--library", library, run=called).stdout
+        succeeded("import", folder, "--library", library, run=in_process).stdout
         == "5 of 5 shapes imported: 0 new, 5 unchanged\n"
     )
     with Library(library) as opened:
@@ -200,12 +200,12 @@ def test_an_import_again_stores_nothing_twice(folder, library):
         assert opened.labels() == {"sheets": 3, "rings": 2}
 
 
-def test_the_library_can_be_named_by_the_environment(folder, library):
-    told = succeeded("query", folder / "sheets/flat.ply", "--json", UNBEND_LIBRARY=library, run=called).stdout
-    assert len(json.loads(told)["shapes"]) == 5
+def test_the_library_can_be_set_by_the_environment(folder, library):
+    reported = succeeded("query", folder / "sheets/flat.ply", "--json", UNBEND_LIBRARY=library, run=in_process).stdout
+    assert len(json.loads(reported)["shapes"]) == 5
 
 
-def test_an_import_over_http_stores_the_good_files_and_names_the_bad(folder, tmp_path, small_server):
+def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp_path, small_server):
     for name in MEMBERS:
         (tmp_path / "in" / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / "in" / name).write_bytes((folder / name).read_bytes())
@@ -222,13 +222,15 @@ def test_an_import_over_http_stores_the_good_files_and_names_the_bad(folder, tmp
         assert (classes["sheets"], classes["rings"]) == (3, 2)
 
 
-def test_a_query_shows_classes_and_shapes_and_the_same_from_a_library_and_a_service(folder, tmp_path, library, server):
+def test_a_query_gives_the_same_result_from_a_library_and_a_service(folder, tmp_path, library, server):
     query = tmp_path / "query.ply"
     query.write_bytes(ply(cylinder(4.0, **GRID)))
-    told = json.loads(succeeded("query", query, "--library", library, "--json", "-k", 2, "--measure", "moments").stdout)
+    reported = json.loads(
+        succeeded("query", query, "--library", library, "--json", "-k", 2, "--measure", "moments").stdout
+    )
     with Library(library) as opened:
-        assert told == opened.rank(compute_signature(read_mesh(query)), measure="moments", k=2).as_dict()
-    table = succeeded("query", query, "--library", library, "-k", 2, run=called).stdout
+        assert reported == opened.rank(compute_signature(read_mesh(query)), measure="moments", k=2).as_dict()
+    table = succeeded("query", query, "--library", library, "-k", 2, run=in_process).stdout
     assert table.splitlines()[1].split()[0] == "sheets"
     assert len(table.split("\n\n")[1].splitlines()) == 3
     with Library(str(server.library)) as opened, Client(server.url) as client:
@@ -246,52 +248,52 @@ READ = MeshPolicy(components="bridge", max_vertices=70, smooth=2, seams="keep")
 
 @pytest.fixture(scope="module")
 def rings(tmp_path_factory) -> Path:
-    """A folder of one mesh, of two components."""
+    """A folder with one mesh of two components."""
     made = tmp_path_factory.mktemp("rings")
     (made / "rings.ply").write_bytes(ply(two_rings(7)))
     return made
 
 
 @pytest.mark.parametrize("place", ["library", "url"])
-def test_an_import_and_a_query_read_and_compute_as_their_options_say(rings, tmp_path, server, place):
+def test_an_import_and_a_query_apply_their_options(rings, tmp_path, server, place):
     where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
-    succeeded("import", rings, *where, *OPTIONS, run=called)
+    succeeded("import", rings, *where, *OPTIONS, run=in_process)
     with Library(str(tmp_path / "a.db" if place == "library" else server.library)) as opened:
         record = opened.page(limit=500).items[-1]
     assert (record.name, record.parameters, record.policy) == ("rings", CHOSEN, READ)
     query = ["query", rings / "rings.ply", *where, "--json"]
-    (match,) = json.loads(succeeded(*query, *OPTIONS, run=called).stdout)["shapes"]
+    (match,) = json.loads(succeeded(*query, *OPTIONS, run=in_process).stdout)["shapes"]
     assert (match["id"], match["distance"]) == (record.id, 0.0)
-    (match,) = json.loads(succeeded(*query, *OPTIONS[:-6], run=called).stdout)["shapes"]
+    (match,) = json.loads(succeeded(*query, *OPTIONS[:-6], run=in_process).stdout)["shapes"]
     assert match["id"] == record.id
     assert match["distance"] > 0.0
-    others = json.loads(succeeded(*query, run=called).stdout)["shapes"]
+    others = json.loads(succeeded(*query, run=in_process).stdout)["shapes"]
     assert record.id not in [other["id"] for other in others]
 
 
-def test_compare_reads_and_computes_as_its_options_say(rings, folder):
+def test_compare_applies_its_options(rings, folder):
     a, b = rings / "rings.ply", folder / "rings/thin.ply"
-    told = float(succeeded("compare", a, b, *OPTIONS, run=called).stdout)
+    reported = float(succeeded("compare", a, b, *OPTIONS, run=in_process).stdout)
     expected = compare(*(compute_signature(read_mesh(path, policy=READ), CHOSEN) for path in (a, b)))
-    assert told == pytest.approx(expected, rel=1e-5)
-    assert told != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-6], run=called).stdout), rel=1e-3)
+    assert reported == pytest.approx(expected, rel=1e-5)
+    assert reported != pytest.approx(float(succeeded("compare", a, b, *OPTIONS[:-6], run=in_process).stdout), rel=1e-3)
 
 
-def test_a_signature_of_a_simplified_mesh_says_so(rings):
-    done = succeeded("signature", rings / "rings.ply", "--components", "bridge", "--max-vertices", 50, run=called)
+def test_a_signature_reports_that_its_mesh_was_simplified(rings):
+    done = succeeded("signature", rings / "rings.ply", "--components", "bridge", "--max-vertices", 50, run=in_process)
     assert len(json.loads(done.stdout)["samples"]) <= 50
     assert "simplified from 78 to" in done.stderr
     assert "1 link between 2 components" in done.stderr
 
 
-def test_an_evaluation_tells_how_far_classes_are_apart(folder, tmp_path):
+def test_an_evaluation_can_include_the_separation_of_classes(folder, tmp_path):
     labels, page = folder / "labels.csv", tmp_path / "report.html"
     asked = ["evaluate", folder, "--labels", labels, "--separation", "--samples", 40, "--measure", "moments"]
-    told = json.loads(succeeded(*asked, "--json", "--html", page).stdout)
-    assert set(told) == {"moments", "separation"}
-    assert set(told["separation"]) == {"moments", "dimensions"}
-    assert set(told["separation"]["moments"]) == {"nearest", "ratio"}
-    over = told["separation"]["dimensions"]
+    reported = json.loads(succeeded(*asked, "--json", "--html", page).stdout)
+    assert set(reported) == {"moments", "separation"}
+    assert set(reported["separation"]) == {"moments", "dimensions"}
+    assert set(reported["separation"]["moments"]) == {"nearest", "ratio"}
+    over = reported["separation"]["dimensions"]
     assert over["pairs"] == [["sheets", "rings"]]
     assert {method: len(of) for method, of in over["medians"].items()} == {"least_squares": 6, "classical": 6}
     assert over["medians"]["least_squares"][2] > 0
@@ -303,42 +305,42 @@ def test_an_evaluation_tells_how_far_classes_are_apart(folder, tmp_path):
     assert "m = 6" in text
 
 
-def test_evaluation_refuses_meshes_that_its_options_refuse(folder, rings):
+def test_an_evaluation_applies_its_reading_options(folder, rings):
     labels = rings / "labels.csv"
     labels.write_text(f"path,class\nrings.ply,b\n{folder}/rings/thin.ply,a\n{folder}/rings/thick.ply,a\n")
-    told = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=called)
-    assert set(json.loads(told.stdout)) == set(VECTOR_MEASURES)
-    assert "rings.ply: the mesh has 2 components" in told.stderr
-    assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=called).stderr == ""
+    reported = succeeded("evaluate", rings, "--labels", labels, "--components", "error", "--json", run=in_process)
+    assert set(json.loads(reported.stdout)) == set(VECTOR_MEASURES)
+    assert "rings.ply: the mesh has 2 components" in reported.stderr
+    assert succeeded("evaluate", rings, "--labels", labels, "--components", "bridge", run=in_process).stderr == ""
 
 
-def test_an_import_whose_options_the_service_refuses_is_one_clear_line(folder, server):
+def test_an_import_with_options_that_the_service_refuses_fails_with_one_line(folder, server):
     for option, word in (("--samples", "samples"), ("--max-vertices", "max_vertices")):
-        failed_with_a_sentence(called("import", folder, "--url", server.url, option, 3), word)
+        failed_with_a_sentence(in_process("import", folder, "--url", server.url, option, 3), word)
 
 
-def test_a_query_of_an_empty_library_says_so(folder, tmp_path):
-    done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=called)
+def test_a_query_reports_an_empty_library(folder, tmp_path):
+    done = succeeded("query", folder / "sheets/flat.ply", "--library", tmp_path / "empty.db", run=in_process)
     assert "no shapes to compare with" in done.stdout
 
 
-def test_evaluation_prints_one_json_object_of_the_figures_of_every_measure(folder):
+def test_an_evaluation_prints_the_metrics_of_every_measure_as_json(folder):
     done = succeeded("evaluate", folder, "--labels", folder / "labels.csv", "--json", "--samples", 40)
-    told = json.loads(done.stdout)
-    assert set(told) == set(VECTOR_MEASURES)
+    reported = json.loads(done.stdout)
+    assert set(reported) == set(VECTOR_MEASURES)
     signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
     labels = [name.split("/")[0] for name in MEMBERS]
-    for name, figures in told.items():
+    for name, figures in reported.items():
         assert set(figures) == FIGURES
         measure = get_vector_measure(name)
         vectors = np.stack([measure.vector(signature.descriptors) for signature in signatures])
         own = np.arange(len(labels))
         assert figures == pytest.approx(vars(evaluate(measure.matrix(vectors), labels, labels, own=own).metrics))
-    assert told["spectrum"]["nn"] == 1.0
+    assert reported["spectrum"]["nn"] == 1.0
     assert done.stderr == ""
 
 
-def test_evaluation_against_a_gallery_counts_the_right_nearest_classes(folder, tmp_path):
+def test_an_evaluation_against_a_gallery_prints_the_accuracy(folder, tmp_path):
     (tmp_path / "queries.csv").write_text(
         "class,path\nsheets,sheets/rolled.ply\nsheets,rings/thin.ply\nrings,bad.off\n"
     )
@@ -359,13 +361,13 @@ def test_evaluation_against_a_gallery_counts_the_right_nearest_classes(folder, t
 
 def test_evaluation_by_class_adds_classes_confusions_and_curves_to_its_json(folder):
     options = ["--labels", folder / "labels.csv", "--json", "--samples", 40, "--measure", "spectrum"]
-    told = json.loads(succeeded("evaluate", folder, *options, "--per-class", run=called).stdout)
+    reported = json.loads(succeeded("evaluate", folder, *options, "--per-class", run=in_process).stdout)
     signatures = [compute_signature(read_mesh(folder / name), Parameters(**SAMPLES)) for name in MEMBERS]
     labels = [name.split("/")[0] for name in MEMBERS]
     measure = get_vector_measure("spectrum")
     distances = measure.matrix(np.stack([measure.vector(signature.descriptors) for signature in signatures]))
-    assert told == {"spectrum": evaluate(distances, labels, labels, own=np.arange(5)).as_dict()}
-    assert set(told["spectrum"]) > FIGURES | {"classes", "confusion", "precision_recall"}
+    assert reported == {"spectrum": evaluate(distances, labels, labels, own=np.arange(5)).as_dict()}
+    assert set(reported["spectrum"]) > FIGURES | {"classes", "confusion", "precision_recall"}
 
 
 def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_class(folder, tmp_path):
@@ -373,8 +375,8 @@ def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_c
     (tmp_path / "queries.csv").write_text(f"path,class\nsheets/rolled.ply,sheets\n{tmp_path}/bad.off,rings\n")
     (tmp_path / "gallery.csv").write_text("path,class\nsheets/flat.ply,sheets\nrings/thick.ply,rings\n")
     command = ["evaluate", folder, "--labels", tmp_path / "queries.csv", "--gallery", tmp_path / "gallery.csv"]
-    told = succeeded(*command, "--per-class", "--measure", "moments", run=called).stdout
-    overall, classes = (part.splitlines() for part in told.split("\n\n"))
+    reported = succeeded(*command, "--per-class", "--measure", "moments", run=in_process).stdout
+    overall, classes = (part.splitlines() for part in reported.split("\n\n"))
     assert overall[0].split() == ["measure", "accuracy", "nn", "ft", "st", "e", "dcg", "map"]
     assert overall[1].split()[:3] == ["moments", "0.500", "1.000"]
     assert classes[0].split()[:4] == ["moments", "queries", "members", "accuracy"]
@@ -382,33 +384,33 @@ def test_evaluation_by_class_against_a_gallery_counts_files_that_fail_in_their_c
     assert classes[2].split()[:5] == ["sheets", "1", "1", "1.000", "1.000"]
 
 
-def test_evaluation_without_a_usable_query_is_wrong_throughout(folder, tmp_path):
+def test_an_evaluation_counts_unreadable_queries_as_wrong(folder, tmp_path):
     (tmp_path / "bad.off").write_bytes(DAMAGED)
     (tmp_path / "bad.csv").write_text(f"path,class\n{tmp_path}/bad.off,rings\n")
     (tmp_path / "good.csv").write_text("path,class\nsheets/flat.ply,sheets\n")
     bad, good = tmp_path / "bad.csv", tmp_path / "good.csv"
     command = ["evaluate", folder, "--measure", "moments", "--json"]
-    assert json.loads(called(*command, "--labels", bad, "--gallery", good).stdout) == {"moments": {"accuracy": 0.0}}
-    done = called(*command, "--labels", good, "--gallery", bad)
+    assert json.loads(in_process(*command, "--labels", bad, "--gallery", good).stdout) == {"moments": {"accuracy": 0.0}}
+    done = in_process(*command, "--labels", good, "--gallery", bad)
     assert (done.returncode, done.stdout) == (1, "")
     assert "unbend: none of the gallery's files can be used" in done.stderr
 
 
-def test_evaluation_writes_a_page_beside_what_it_prints(folder, tmp_path):
+def test_an_evaluation_writes_an_escaped_html_page(folder, tmp_path):
     name = "<script>alert(1)<.ply"
     (tmp_path / name).write_bytes((folder / "rings/thin.ply").read_bytes())
     (tmp_path / f"{name}.off").write_bytes(DAMAGED)
     rows = [f"{folder}/{member},{member.split('/')[0]}" for member in MEMBERS]
     (tmp_path / "l.csv").write_text("\n".join(["path,class", *rows, f"{name},sheets", f"{name}.off,rings"]))
-    done = called("evaluate", tmp_path, "--labels", tmp_path / "l.csv", "--html", tmp_path / "r.html", "--json")
+    done = in_process("evaluate", tmp_path, "--labels", tmp_path / "l.csv", "--html", tmp_path / "r.html", "--json")
     assert done.returncode == 0
-    told = json.loads(done.stdout)
-    assert all(set(figures) == FIGURES for figures in told.values())
+    reported = json.loads(done.stdout)
+    assert all(set(figures) == FIGURES for figures in reported.values())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<script" not in page
-    assert "&lt;script&gt;alert(1)&lt;.ply.off</bdi>" in page  # failed
-    assert "&lt;script&gt;alert(1)&lt;.ply</bdi>" in page  # taken for the ring that it is
-    for measure, figures in told.items():
+    assert "&lt;script&gt;alert(1)&lt;.ply.off</bdi>" in page  # listed as unreadable
+    assert "&lt;script&gt;alert(1)&lt;.ply</bdi>" in page  # listed as misclassified, because it is a ring
+    for measure, figures in reported.items():
         assert f"<bdi>{measure}</bdi>" in page
         assert f">{figures['map']:.3f}<" in page
     assert "each of 6 shapes" in page
@@ -416,9 +418,9 @@ def test_evaluation_writes_a_page_beside_what_it_prints(folder, tmp_path):
         assert f"<bdi>{setting}</bdi></th><td><bdi>{'none' if value is None else value}</bdi>" in page
 
 
-def test_evaluation_shows_a_table_of_the_measures_picked(folder):
+def test_an_evaluation_prints_a_table_of_the_chosen_measures(folder):
     lines = succeeded(
-        "evaluate", folder, "--labels", folder / "labels.csv", "--measure", "moments", run=called
+        "evaluate", folder, "--labels", folder / "labels.csv", "--measure", "moments", run=in_process
     ).stdout.splitlines()
     assert lines[0].split() == ["measure", "nn", "ft", "st", "e", "dcg", "map"]
     assert [line.split()[0] for line in lines[1:]] == ["moments"]
@@ -439,56 +441,58 @@ def test_evaluation_shows_a_table_of_the_measures_picked(folder):
     ids=["no class", "no path", "empty", "no rows", "no name", "no file", "not UTF-8", "long field"],
 )
 @pytest.mark.parametrize("command", ["evaluate", "import"])
-def test_a_file_of_labels_that_lacks_something_is_one_clear_line(folder, tmp_path, command, text, words):
+def test_an_invalid_file_of_labels_fails_with_one_line(folder, tmp_path, command, text, words):
     labels = tmp_path / "labels.csv"
     labels.write_bytes(text.encode(errors="surrogateescape"))
     library = ["--library", tmp_path / "library.db"] if command == "import" else []
-    failed_with_a_sentence(called(command, folder, "--labels", labels, *library), "labels.csv", *words)
+    failed_with_a_sentence(in_process(command, folder, "--labels", labels, *library), "labels.csv", *words)
 
 
 def test_files_without_a_class_are_imported_without_a_label_and_not_evaluated(folder, tmp_path):
     labels = tmp_path / "labels.csv"
     rows = [f"{name},{'' if name.endswith('shut.ply') else Path(name).parent}" for name in MEMBERS]
     labels.write_text("\n".join(["path,class", *rows]))
-    succeeded("import", folder, "--labels", labels, "--library", tmp_path / "a.db", run=called)
+    succeeded("import", folder, "--labels", labels, "--library", tmp_path / "a.db", run=in_process)
     with Library(str(tmp_path / "a.db")) as opened:
         assert (len(opened), opened.labels()) == (5, {"sheets": 2, "rings": 2})
     command = ["evaluate", folder, "--labels", labels, "--measure", "moments", "--per-class", "--samples", 40]
-    done = succeeded(*command, run=called)
+    done = succeeded(*command, run=in_process)
     assert "1 of 5 files have no class and are left out" in done.stderr
     assert [line.split()[:2] for line in done.stdout.split("\n\n")[1].splitlines()[1:]] == [
         ["rings", "2"],
         ["sheets", "2"],
     ]
     labels.write_text("path,class\nsheets/flat.ply,\n")
-    failed_with_a_sentence(called("evaluate", folder, "--labels", labels), "no row has a class")
+    failed_with_a_sentence(in_process("evaluate", folder, "--labels", labels), "no row has a class")
 
 
-def test_a_library_is_exported_and_what_was_exported_is_imported_and_evaluated(library, tmp_path):
+def test_an_exported_library_can_be_imported_and_evaluated(library, tmp_path):
     out = tmp_path / "out"
-    assert succeeded("export", out, "--library", library, run=called).stdout == f"{out}: 5 shapes\n"
+    assert succeeded("export", out, "--library", library, run=in_process).stdout == f"{out}: 5 shapes\n"
     labels = ["--labels", out / "labels.csv"]
-    succeeded("import", out, *labels, "--library", tmp_path / "other.db", run=called)
+    succeeded("import", out, *labels, "--library", tmp_path / "other.db", run=in_process)
     with Library(library) as one, Library(str(tmp_path / "other.db")) as other:
-        told = [[(shape.name, shape.label, shape.sha256) for shape in opened.page().items] for opened in (one, other)]
-        assert told[0] == told[1]
-    figures = json.loads(succeeded("evaluate", out, *labels, "--measure", "moments", "--json", run=called).stdout)
+        reported = [
+            [(shape.name, shape.label, shape.sha256) for shape in opened.page().items] for opened in (one, other)
+        ]
+        assert reported[0] == reported[1]
+    figures = json.loads(succeeded("evaluate", out, *labels, "--measure", "moments", "--json", run=in_process).stdout)
     with Library(library) as one:
         assert figures["moments"] == pytest.approx(vars(one.evaluate("moments")))
-    failed_with_a_sentence(called("export", out, "--library", library), "not an empty folder")
+    failed_with_a_sentence(in_process("export", out, "--library", library), "not an empty folder")
 
 
 def test_a_library_is_backed_up_and_restored(library, tmp_path):
     copy, other = tmp_path / "copy.db", tmp_path / "other.db"
-    told = succeeded("backup", copy, "--library", library).stdout
-    assert told == f"{copy}: 5 shapes, {copy.stat().st_size} bytes, checked\n"
-    assert succeeded("restore", copy, "--library", other, run=called).stdout == f"{other}: 5 shapes, as in {copy}\n"
+    reported = succeeded("backup", copy, "--library", library).stdout
+    assert reported == f"{copy}: 5 shapes, {copy.stat().st_size} bytes, checked\n"
+    assert succeeded("restore", copy, "--library", other, run=in_process).stdout == f"{other}: 5 shapes, as in {copy}\n"
     with Library(library) as one, Library(str(other)) as restored:
         assert one.page().items == restored.page().items
-    failed_with_a_sentence(called("backup", copy, "--library", library), "exists already")
-    failed_with_a_sentence(called("restore", copy, "--library", other), "would be replaced")
-    succeeded("backup", copy, "--library", library, "--force", run=called)
-    succeeded("restore", copy, "--library", other, "--force", run=called)
+    failed_with_a_sentence(in_process("backup", copy, "--library", library), "exists already")
+    failed_with_a_sentence(in_process("restore", copy, "--library", other), "would be replaced")
+    succeeded("backup", copy, "--library", library, "--force", run=in_process)
+    succeeded("restore", copy, "--library", other, "--force", run=in_process)
 
 
 @pytest.mark.parametrize(
@@ -524,34 +528,34 @@ def test_a_library_is_backed_up_and_restored(library, tmp_path):
         ("restore {new}/nowhere.db --library {new}/a.db", ["no file"]),
     ],
 )
-def test_what_cannot_be_done_is_one_clear_line(folder, tmp_path, command, words):
+def test_every_error_is_one_clear_line(folder, tmp_path, command, words):
     (tmp_path / "bad.off").write_bytes(DAMAGED)
     (tmp_path / "empty").mkdir()
     (tmp_path / "letter.db").write_bytes(b"no database " * 200)
     names = {"mesh": folder / "sheets/flat.ply", "closed": folder / "rings/thin.ply", "folder": folder, "new": tmp_path}
-    failed_with_a_sentence(called(*(part.format(**names) for part in command.split())), *words)
+    failed_with_a_sentence(in_process(*(part.format(**names) for part in command.split())), *words)
 
 
-def test_an_error_is_one_clear_line_of_a_process_too(tmp_path):
+def test_an_error_of_a_process_is_one_clear_line(tmp_path):
     (tmp_path / "bad.off").write_bytes(DAMAGED)
     failed_with_a_sentence(unbend("signature", tmp_path / "bad.off"), "ends early")
 
 
-def test_wrong_usage_has_a_status_of_its_own(folder, tmp_path):
-    failed_with_a_sentence(called("signature", tmp_path / "none.ply"), "none.ply", status=2)
-    both = called("import", folder, "--labels", folder / "labels.csv", "--label-from", "folder")
+def test_wrong_usage_has_exit_status_2(folder, tmp_path):
+    failed_with_a_sentence(in_process("signature", tmp_path / "none.ply"), "none.ply", status=2)
+    both = in_process("import", folder, "--labels", folder / "labels.csv", "--label-from", "folder")
     failed_with_a_sentence(both, "exclude each other", status=2)
 
 
 @pytest.mark.parametrize("name", ["UNBEND_WORKERS", "UNBEND_MAX_QUEUED", "UNBEND_JOB_SECONDS"])
-def test_a_server_with_a_wrong_setting_does_not_start_and_names_it(name):
-    done = called("serve", "--port", 0, **{name: "-1"})
+def test_a_server_with_an_invalid_setting_does_not_start_and_names_it(name):
+    done = in_process("serve", "--port", 0, **{name: "-1"})
     assert done.returncode == 1
     assert name in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_a_server_whose_library_cannot_be_opened_ends_with_a_sentence(tmp_path):
+def test_a_server_whose_library_cannot_be_opened_exits_with_a_message(tmp_path):
     done = unbend("serve", "--port", 0, "--library", tmp_path / "nowhere/a.db")
     assert done.returncode not in {0, None}
     assert "cannot be opened" in done.stderr
@@ -562,15 +566,15 @@ def test_a_server_whose_library_cannot_be_opened_ends_with_a_sentence(tmp_path):
     ("name", "value"),
     [("UNBEND_OPEN", "perhaps"), ("UNBEND_CORS_ORIGINS", "https://a.example/path"), ("UNBEND_CORS_ORIGINS", "a")],
 )
-def test_a_setting_of_access_that_is_wrong_is_named(name, value):
-    done = called("serve", "--port", 0, **{name: value})
+def test_an_invalid_access_setting_is_named(name, value):
+    done = in_process("serve", "--port", 0, **{name: value})
     assert done.returncode == 1
     assert name in done.stderr
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", ""])  # noqa: S104
-def test_a_library_without_keys_is_not_served_to_others_unless_told(tmp_path, host):
-    done = called("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
+def test_a_library_without_keys_is_not_served_to_other_machines(tmp_path, host):
+    done = in_process("serve", "--host", host, "--port", 0, "--library", tmp_path / "a.db")
     assert done.returncode == 1
     assert "the library has no keys" in done.stderr
     assert "unbend keys create" in done.stderr
@@ -578,57 +582,62 @@ def test_a_library_without_keys_is_not_served_to_others_unless_told(tmp_path, ho
 
 def test_a_key_is_shown_once_then_listed_and_revoked(tmp_path):
     library = ("--library", tmp_path / "a.db")
-    assert "no keys" in succeeded("keys", "list", *library, run=called).stdout
-    done = succeeded("keys", "create", "scanner", "--scope", "write", *library, run=called)
+    assert "no keys" in succeeded("keys", "list", *library, run=in_process).stdout
+    done = succeeded("keys", "create", "scanner", "--scope", "write", *library, run=in_process)
     (text,) = done.stdout.split()
     prefix, key_id, secret = text.split("_", 2)
     assert prefix == "unbend"
     assert secret not in done.stderr
-    (told,) = json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"]
-    assert (told["id"], told["name"], told["scope"], told["revoked_at"]) == (key_id, "scanner", "write", None)
-    assert set(told) == {"id", "name", "scope", "created_at", "revoked_at", "expires_at", "expired", "most_jobs"}
-    assert "scanner" in succeeded("keys", "revoke", key_id, *library, run=called).stdout
-    table = succeeded("keys", "list", *library, run=called).stdout
+    (reported,) = json.loads(succeeded("keys", "list", "--json", *library, run=in_process).stdout)["keys"]
+    assert (reported["id"], reported["name"], reported["scope"], reported["revoked_at"]) == (
+        key_id,
+        "scanner",
+        "write",
+        None,
+    )
+    assert set(reported) == {"id", "name", "scope", "created_at", "revoked_at", "expires_at", "expired", "most_jobs"}
+    assert "scanner" in succeeded("keys", "revoke", key_id, *library, run=in_process).stdout
+    table = succeeded("keys", "list", *library, run=in_process).stdout
     assert key_id in table
     assert secret not in table
-    assert json.loads(succeeded("keys", "list", "--json", *library, run=called).stdout)["keys"][0]["revoked_at"]
-    failed_with_a_sentence(called("keys", "revoke", "nobody", *library), "no key nobody")
-    failed_with_a_sentence(called("keys", "create", "", *library), "name")
+    assert json.loads(succeeded("keys", "list", "--json", *library, run=in_process).stdout)["keys"][0]["revoked_at"]
+    failed_with_a_sentence(in_process("keys", "revoke", "nobody", *library), "no key nobody")
+    failed_with_a_sentence(in_process("keys", "create", "", *library), "name")
 
 
-def test_a_key_reads_by_default_and_the_library_can_be_named_by_the_environment(tmp_path):
+def test_a_new_key_may_only_read_by_default(tmp_path):
     named = {"UNBEND_LIBRARY": str(tmp_path / "a.db")}
-    succeeded("keys", "create", "x", run=called, **named)
-    (told,) = json.loads(succeeded("keys", "list", "--json", run=called, **named).stdout)["keys"]
-    assert told["scope"] == "read"
+    succeeded("keys", "create", "x", run=in_process, **named)
+    (reported,) = json.loads(succeeded("keys", "list", "--json", run=in_process, **named).stdout)["keys"]
+    assert reported["scope"] == "read"
 
 
-def test_commands_over_http_send_the_key_of_the_environment(folder, tmp_path):
+def test_commands_send_the_api_key_of_the_environment(folder, tmp_path):
     library = ("--library", tmp_path / "library.db")
     reader, writer = (
-        succeeded("keys", "create", scope, "--scope", scope, *library, run=called).stdout.strip()
+        succeeded("keys", "create", scope, "--scope", scope, *library, run=in_process).stdout.strip()
         for scope in ("read", "write")
     )
     options = ["--samples", 40]
     with Server(tmp_path, workers=1) as running:
         imports = ("import", folder / "sheets", "--url", running.url, *options)
-        failed_with_a_sentence(called(*imports), "needs an API key")
-        failed_with_a_sentence(called(*imports, UNBEND_API_KEY="unbend_x_y"), "no key of this library")
-        failed_with_a_sentence(called(*imports, UNBEND_API_KEY=reader), "may only read")
-        assert "3 of 3" in succeeded(*imports, run=called, UNBEND_API_KEY=writer).stdout
+        failed_with_a_sentence(in_process(*imports), "needs an API key")
+        failed_with_a_sentence(in_process(*imports, UNBEND_API_KEY="unbend_x_y"), "no key of this library")
+        failed_with_a_sentence(in_process(*imports, UNBEND_API_KEY=reader), "may only read")
+        assert "3 of 3" in succeeded(*imports, run=in_process, UNBEND_API_KEY=writer).stdout
         query = ("query", folder / "sheets/flat.ply", "--url", running.url, "--json", *options)
-        assert json.loads(succeeded(*query, run=called, UNBEND_API_KEY=reader).stdout)["shapes"]
+        assert json.loads(succeeded(*query, run=in_process, UNBEND_API_KEY=reader).stdout)["shapes"]
 
 
 def test_the_openapi_document_is_printed_and_written(tmp_path):
     committed = (Path(__file__).parents[2] / "openapi/openapi.json").read_text()
     assert succeeded("openapi", UNBEND_MAX_QUEUED="7").stdout == committed
-    assert succeeded("openapi", "-o", tmp_path / "o.json", run=called).stdout == ""
+    assert succeeded("openapi", "-o", tmp_path / "o.json", run=in_process).stdout == ""
     assert (tmp_path / "o.json").read_text() == committed
 
 
-def test_the_demo_is_written_with_labels_that_evaluate_reads(tmp_path):
-    done = succeeded("demo", "--write", tmp_path / "demo", run=called)
+def test_the_demo_is_written_with_a_file_of_labels(tmp_path):
+    done = succeeded("demo", "--write", tmp_path / "demo", run=in_process)
     lines = (tmp_path / "demo/labels.csv").read_text().splitlines()
     assert lines[0] == "path,class"
     assert done.stdout.startswith(f"{len(lines) - 1} demo shapes")
@@ -637,7 +646,7 @@ def test_the_demo_is_written_with_labels_that_evaluate_reads(tmp_path):
     assert read_mesh(tmp_path / "demo" / min(names)).area > 0
 
 
-def test_progress_is_shown_on_a_terminal_and_standard_output_stays_clean(folder, tmp_path):
+def test_progress_is_shown_on_a_terminal_but_not_on_standard_output(folder, tmp_path):
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "unbend", "import", str(folder), "--library", str(tmp_path / "a.db")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, env=without_settings()) as process:

@@ -1,4 +1,4 @@
-"""What is exported is what is imported: names, labels, metadata, parameters and policies, into a file and a service."""
+"""An exported library can be imported unchanged, into a library and into a service."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 
 import pytest
 
-from tests.support.commands import called, succeeded
+from tests.support.commands import in_process, succeeded
 from tests.support.server import Server, small_mesh, two_rings
 from tests.support.server import ply as as_ply
 from unbend import Library, MeshPolicy, Parameters
@@ -26,7 +26,7 @@ SHAPES = [
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
-    """A library with hostile names, and the same files computed and read in several ways; and its export."""
+    """The export and the records of a library with unusual names, parameters and policies."""
     folder = tmp_path_factory.mktemp("original")
     with Library(str(folder / "a.db")) as library:
         for number, (name, label, metadata) in enumerate(SHAPES):
@@ -37,33 +37,33 @@ def original(tmp_path_factory):
         for policy in (MeshPolicy(), MeshPolicy(components="bridge"), MeshPolicy(seams="keep")):
             library.add(rings, name="rings", label="a", parameters=FEW, policy=policy)
         library.export(folder / "out")
-        return folder / "out", told(library.page(limit=500).items)
+        return folder / "out", compared_fields(library.page(limit=500).items)
 
 
-def told(items) -> list[dict]:
+def compared_fields(items) -> list[dict]:
     fields = [{name: getattr(item, name) for name in COMPARED} for item in items]
     return sorted(fields, key=repr)
 
 
-def test_a_library_comes_back_as_it_was(original, tmp_path):
+def test_an_exported_library_is_imported_unchanged(original, tmp_path):
     folder, before = original
     arguments = ("import", folder, "--labels", folder / "labels.csv", "--library", tmp_path / "b.db")
-    assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 11 new\n"
+    assert succeeded(*arguments, run=in_process).stdout == "11 of 11 shapes imported: 11 new\n"
     with Library(str(tmp_path / "b.db")) as library:
-        assert told(library.page(limit=500).items) == before
-    assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 0 new, 11 unchanged\n"
+        assert compared_fields(library.page(limit=500).items) == before
+    assert succeeded(*arguments, run=in_process).stdout == "11 of 11 shapes imported: 0 new, 11 unchanged\n"
 
 
-def test_a_library_comes_back_over_http_as_it_was(original, tmp_path):
+def test_an_exported_library_is_imported_unchanged_over_http(original, tmp_path):
     folder, before = original
     with Server(tmp_path, workers=1) as server:
         arguments = ("import", folder, "--labels", folder / "labels.csv", "--url", server.url)
-        assert succeeded(*arguments, run=called).stdout == "11 of 11 shapes imported: 11 new\n"
+        assert succeeded(*arguments, run=in_process).stdout == "11 of 11 shapes imported: 11 new\n"
         with Library(str(server.library)) as library:
-            assert told(library.page(limit=500).items) == before
+            assert compared_fields(library.page(limit=500).items) == before
         relabel(folder / "labels.csv", tmp_path / "labels.csv")
         again = ("import", folder, "--labels", tmp_path / "labels.csv", "--url", server.url)
-        said = succeeded(*again, run=called).stdout
+        said = succeeded(*again, run=in_process).stdout
         assert said == "11 of 11 shapes imported: 0 new, 1 changed, 10 unchanged\n"
 
 
@@ -77,33 +77,33 @@ def relabel(source, target) -> None:
         writer.writerows(rows)
 
 
-def test_corrected_labels_are_taken(original, tmp_path):
+def test_a_repeated_import_applies_corrected_labels(original, tmp_path):
     folder, _ = original
     library = ("--library", tmp_path / "b.db")
-    succeeded("import", folder, "--labels", folder / "labels.csv", *library, run=called)
+    succeeded("import", folder, "--labels", folder / "labels.csv", *library, run=in_process)
     relabel(folder / "labels.csv", tmp_path / "labels.csv")
-    done = succeeded("import", folder, "--labels", tmp_path / "labels.csv", *library, run=called)
+    done = succeeded("import", folder, "--labels", tmp_path / "labels.csv", *library, run=in_process)
     assert done.stdout == "11 of 11 shapes imported: 0 new, 1 changed, 10 unchanged\n"
     with Library(str(tmp_path / "b.db")) as opened:
         assert opened.labels()["corrected"] == 1
 
 
-def test_options_count_more_than_what_was_exported(original, tmp_path):
+def test_options_override_exported_parameters(original, tmp_path):
     folder, _ = original
     library = ("--library", tmp_path / "b.db")
-    succeeded("import", folder, "--labels", folder / "labels.csv", *library, "--samples", 30, run=called)
+    succeeded("import", folder, "--labels", folder / "labels.csv", *library, "--samples", 30, run=in_process)
     with Library(str(tmp_path / "b.db")) as opened:
         assert {shape.parameters.samples for shape in opened.page(limit=500).items} == {30}
 
 
-def test_files_that_are_the_same_and_files_that_are_passed_over_are_said(tmp_path):
+def test_an_import_reports_duplicate_and_ignored_files(tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
     for name in ("a.ply", "b.ply"):
         (folder / name).write_bytes(small_mesh(1))
     (folder / "c").write_bytes(small_mesh(2))
     (folder / "labels.csv").write_text("path,class\na.ply,cat\n")
-    done = succeeded("import", folder, "--samples", 40, "--library", tmp_path / "a.db", run=called)
+    done = succeeded("import", folder, "--samples", 40, "--library", tmp_path / "a.db", run=in_process)
     assert done.stdout == "2 of 2 shapes imported: 1 new, 1 unchanged\n"
     assert "b.ply: has the same bytes as" in done.stderr
     assert "labels.csv exists, but is not read without --labels" in done.stderr
@@ -111,9 +111,9 @@ def test_files_that_are_the_same_and_files_that_are_passed_over_are_said(tmp_pat
 
 
 @pytest.mark.parametrize(("column", "text"), [("metadata", "[1]"), ("parameters", "{"), ("policy", "1")])
-def test_a_document_that_is_none_is_told_with_its_line(tmp_path, column, text):
+def test_invalid_json_in_a_file_of_labels_is_reported_with_its_line(tmp_path, column, text):
     (tmp_path / "a.ply").write_bytes(small_mesh(1))
     (tmp_path / "labels.csv").write_text(f"path,class,{column}\na.ply,cat,{text}\n")
-    done = called("import", tmp_path, "--labels", tmp_path / "labels.csv", "--library", tmp_path / "a.db")
+    done = in_process("import", tmp_path, "--labels", tmp_path / "labels.csv", "--library", tmp_path / "a.db")
     assert done.returncode == 1
     assert f"labels.csv, line 2: {column}" in done.stderr

@@ -1,4 +1,4 @@
-"""The two clients against a real server; a story told to one holds for the other."""
+"""The synchronous and the asynchronous client against a real server; most tests run with both."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PATIENCE = 120.0
 
 
 class Blocking:
-    """An async client, or job, whose calls are waited for: so that one test speaks to both kinds."""
+    """A wrapper that runs the calls of an async client or job to their end, so that one test covers both clients."""
 
     def __init__(self, target: object, run) -> None:
         self._target = target
@@ -69,7 +69,7 @@ async def listed(items) -> list:
 
 
 def make_client(kind: str, url: str):
-    """A client of either kind, and what closes it."""
+    """Return a client of either kind, and a function that closes the client."""
     if kind == "sync":
         client = Client(url)
         return client, client.close
@@ -97,7 +97,7 @@ def client(kind, server):
 
 @pytest.fixture
 def mesh(kind):
-    """Meshes that no other test, and no other kind of client, sends."""
+    """A function that makes meshes which no other test sends, different for each kind of client."""
     base = {"sync": 400, "async": 450}[kind]
     return lambda number: small_mesh(base + number)
 
@@ -118,7 +118,7 @@ def test_a_submitted_mesh_becomes_a_shape(client, mesh, tmp_path):
     assert client.job(job.id).result(PATIENCE) == shape
 
 
-def test_a_mesh_that_is_stored_is_the_result_at_once(client, mesh):
+def test_a_stored_mesh_is_returned_at_once(client, mesh):
     shape = client.submit(mesh(1), name="first", parameters=SAMPLES).result(PATIENCE)
     again = client.submit(mesh(1), name="second", parameters=SAMPLES)
     assert again.status()["state"] == "succeeded"
@@ -128,14 +128,14 @@ def test_a_mesh_that_is_stored_is_the_result_at_once(client, mesh):
     assert (renamed["name"], renamed["updated"], renamed["id"]) == ("second", ["name"], shape["id"])
 
 
-def test_a_mesh_that_is_stored_can_be_cancelled_without_harm(client, mesh):
+def test_cancelling_the_upload_of_a_stored_mesh_changes_nothing(client, mesh):
     shape = client.submit(mesh(1), parameters=SAMPLES).result(PATIENCE)
     again = client.submit(mesh(1), parameters=SAMPLES)
     assert again.cancel()["state"] == "succeeded"
     assert again.result()["id"] == shape["id"]
 
 
-def test_a_failed_job_raises_the_error_that_reading_would(client):
+def test_a_failed_job_raises_the_same_error_as_reading_the_mesh(client):
     with pytest.raises(MeshReadError, match="ends early"):
         client.submit(DAMAGED).result(PATIENCE)
     with pytest.raises(MeshGeometryError):
@@ -144,7 +144,7 @@ def test_a_failed_job_raises_the_error_that_reading_would(client):
         client.query(DAMAGED, timeout=PATIENCE)
 
 
-def test_waiting_ends_with_a_timeout_and_a_cancelled_job_says_so(client, kind):
+def test_waiting_raises_a_timeout_and_a_cancelled_job_raises_its_error(client, kind):
     job = client.submit(endless_mesh(), parameters=ENDLESS | {"dimensions": {"sync": 4, "async": 5}[kind]})
     try:
         for patience in (0.0, 0.5):
@@ -161,7 +161,7 @@ def test_waiting_ends_with_a_timeout_and_a_cancelled_job_says_so(client, kind):
         job.result()
 
 
-def test_a_refused_request_is_a_service_error_with_the_problem(client):
+def test_a_refused_request_raises_a_service_error_with_the_problem(client):
     with pytest.raises(ServiceError, match="samples") as caught:
         client.submit(small_mesh(0), parameters={"samples": 1})
     assert caught.value.status == 422
@@ -171,7 +171,7 @@ def test_a_refused_request_is_a_service_error_with_the_problem(client):
     assert (caught.value.status, caught.value.problem["code"]) == (415, "mesh_format")
 
 
-def test_what_is_not_there_is_not_found(client):
+def test_an_unknown_id_raises_not_found(client):
     nobody = uuid.uuid4().hex
     for call in (client.shape, client.job, client.remove, client.signature, client.query_shape, client.change):
         with pytest.raises(NotFoundError, match=nobody):
@@ -187,7 +187,7 @@ def test_a_shape_can_be_changed_and_removed(client, mesh):
         client.shape(shape["id"])
 
 
-def test_queries_rank_the_shapes_of_their_parameters(client, mesh, kind):
+def test_queries_rank_shapes_with_the_same_parameters(client, mesh, kind):
     own = {"samples": {"sync": 33, "async": 34}[kind]}
     ids = [client.submit(mesh(number), label="ring", parameters=own).result(PATIENCE)["id"] for number in (3, 5)]
     ranking = client.query(mesh(3), k=1, measure="moments", parameters=own)
@@ -196,7 +196,7 @@ def test_queries_rank_the_shapes_of_their_parameters(client, mesh, kind):
     assert [match["id"] for match in client.query_shape(ids[0])["shapes"]] == [ids[1]]
 
 
-def test_a_mesh_is_read_as_the_policy_says(client, kind):
+def test_a_mesh_is_read_by_its_policy(client, kind):
     own = {"samples": {"sync": 31, "async": 32}[kind]}
     data = ply(two_rings({"sync": 0, "async": 1}[kind]))
     bridge = {"components": "bridge", "max_vertices": 70, "smooth": 2, "seams": "keep"}
@@ -213,7 +213,7 @@ def test_a_mesh_is_read_as_the_policy_says(client, kind):
         assert caught.value.status == 422
 
 
-def test_all_pages_are_walked(client, mesh, server, kind):
+def test_shapes_of_a_label_are_listed_in_order(client, mesh, server, kind):
     label = uuid.uuid4().hex
     ids = [client.submit(mesh(number), label=label, parameters=SAMPLES).result(PATIENCE)["id"] for number in (6, 7, 8)]
     assert [shape["id"] for shape in client.shapes(label=label)] == ids
@@ -224,7 +224,7 @@ def test_all_pages_are_walked(client, mesh, server, kind):
     assert list(client.shapes(label="nobody's")) == []
 
 
-def test_a_service_that_is_not_there_cannot_be_reached(kind):
+def test_an_unreachable_service_raises_a_service_error(kind):
     made, close = make_client(kind, "http://127.0.0.1:9")
     with pytest.raises(ServiceError, match="could not be reached") as caught:
         made.classes()
@@ -233,7 +233,7 @@ def test_a_service_that_is_not_there_cannot_be_reached(kind):
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:8000", "ftp://127.0.0.1", "http://host:port", ""])
-def test_an_address_that_is_none_is_a_service_error(kind, address):
+def test_an_invalid_url_raises_a_service_error(kind, address):
     def call() -> None:
         made, close = make_client(kind, address)
         try:
@@ -245,7 +245,7 @@ def test_an_address_that_is_none_is_a_service_error(kind, address):
         call()
 
 
-def test_clients_close_themselves(server):
+def test_a_client_is_closed_at_the_end_of_its_context(server):
     with Client(server.url) as client:
         client.classes()
     with pytest.raises(RuntimeError, match="closed"):
@@ -260,26 +260,26 @@ def test_clients_close_themselves(server):
     asyncio.run(story())
 
 
-def test_more_shapes_than_a_page_holds_are_all_yielded_in_order(client, server):
+def test_shapes_beyond_one_page_are_all_yielded_in_order(client, server):
     label = uuid.uuid4().hex
-    with Library(str(server.library)) as library:  # beside the running service, for it is quicker
+    with Library(str(server.library)) as library:  # adding shapes directly is faster than over HTTP
         for number in range(120):
             record = library.add(small_mesh(number), parameters=Parameters(samples=4))
             library.change(record.id, {"label": label, "name": str(number)})
     assert [shape["name"] for shape in client.shapes(label=label)] == [str(number) for number in range(120)]
 
 
-def test_an_upload_waits_while_the_service_is_full(small_server, kind):
+def test_an_upload_waits_while_the_queue_is_full(small_server, kind):
     made, close = make_client(kind, small_server.url)
     base = {"sync": 70, "async": 80}[kind]
     blocking = []
     with Client(small_server.url) as other, small_server.http() as http:
 
-        def make_room() -> None:
+        def cancel_all() -> None:
             for job in blocking:
                 job.cancel()
 
-        later = threading.Timer(0.5, make_room)
+        later = threading.Timer(0.5, cancel_all)
         try:
             for samples in (3000, 3001):
                 blocking.append(other.submit(slow_mesh(), parameters={"samples": samples + base}))
@@ -290,7 +290,7 @@ def test_an_upload_waits_while_the_service_is_full(small_server, kind):
             shape = made.submit(small_mesh(base + 2), name="patient", parameters=SAMPLES).result(PATIENCE)
             later.join()
         finally:
-            make_room()
+            cancel_all()
             close()
     assert shape["name"] == "patient"
 
@@ -302,22 +302,22 @@ def until_running(job) -> None:
         time.sleep(0.02)
 
 
-def test_a_job_is_followed_to_its_end(client, mesh, kind):
+def test_the_events_of_a_job_end_with_its_result(client, mesh, kind):
     job = client.submit(mesh(12), parameters=SAMPLES)
-    told = list(job.events())
-    assert told[-1]["state"] == "succeeded"
-    assert job.status() == told[-1]
-    assert list(job.events()) == [told[-1]]
+    reported = list(job.events())
+    assert reported[-1]["state"] == "succeeded"
+    assert job.status() == reported[-1]
+    assert list(job.events()) == [reported[-1]]
     again = client.job(job.id)
-    assert list(again.events()) == [told[-1]]
+    assert list(again.events()) == [reported[-1]]
     stored = client.submit(mesh(12), parameters=SAMPLES)
-    assert [record["shape_id"] for record in stored.events()] == [told[-1]["shape_id"]]
+    assert [record["shape_id"] for record in stored.events()] == [reported[-1]["shape_id"]]
     with pytest.raises(NotFoundError, match="nobody"):
         list(client.job_events("nobody"))
 
 
 class CuttingRelay(threading.Thread):
-    """Passes bytes on to a server, and breaks connections that answer with events off after some of them."""
+    """Relays connections to a server, and cuts event streams off after `limit` bytes."""
 
     def __init__(self, url: str, limit: int) -> None:
         super().__init__(daemon=True)
@@ -326,7 +326,7 @@ class CuttingRelay(threading.Thread):
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
         self.heads: list[bytes] = []
-        """Requests for events, as they came."""
+        """The heads of requests for events."""
 
     def run(self) -> None:
         with suppress(OSError):
@@ -363,28 +363,28 @@ def received(source: socket.socket) -> Iterator[bytes]:
             yield data
 
 
-def test_a_broken_connection_is_taken_up_again_without_repeating(server, kind):
-    with closing(CuttingRelay(server.url, limit=1500)) as relay:  # the head and an event or two
+def test_a_broken_event_stream_is_resumed_without_repeated_events(server, kind):
+    with closing(CuttingRelay(server.url, limit=1500)) as relay:  # the head and one or two events
         relay.start()
         made, close = make_client(kind, relay.url)
-        told = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())
+        reported = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())
         close()
-    assert told[-1]["state"] == "succeeded"
-    places = [(job["state"], job["stage"], job["progress"]) for job in told]
+    assert reported[-1]["state"] == "succeeded"
+    places = [(job["state"], job["stage"], job["progress"]) for job in reported]
     assert len(set(places)) == len(places)
     assert len(relay.heads) > 1
     assert b"last-event-id" not in relay.heads[0].lower()
     assert all(b"last-event-id: " in head.lower() for head in relay.heads[1:])
 
 
-def test_a_service_that_is_not_there_has_no_events(kind):
+def test_events_of_an_unreachable_service_raise_a_service_error(kind):
     made, close = make_client(kind, "http://127.0.0.1:9")
     with pytest.raises(ServiceError, match="could not be reached"):
         list(made.job_events("x"))
     close()
 
 
-def test_a_flat_shaded_box_is_one_surface_and_a_part_of_a_mesh_is_warned_of(client, kind, tmp_path):
+def test_seams_are_stitched_and_a_dropped_component_is_a_warning(client, kind, tmp_path):
     cube = Path(__file__).parents[1] / "mesh" / "cases" / "ply_flat_cube_24.ply"
     own = {"samples": {"sync": 6, "async": 7}[kind]}
     shape = client.submit(cube, parameters=own).result(PATIENCE)
@@ -395,7 +395,7 @@ def test_a_flat_shaded_box_is_one_surface_and_a_part_of_a_mesh_is_warned_of(clie
     assert ranking["warnings"] == kept["warnings"]
 
 
-def test_a_file_whose_name_is_not_utf8_is_sent_under_its_escapes(client, mesh, kind, tmp_path):
+def test_a_file_name_that_is_not_utf8_is_escaped(client, mesh, kind, tmp_path):
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/m\xe9" + kind.encode() + b".ply"))
     path.write_bytes(mesh(40))
     shape = client.submit(path, parameters={"samples": {"sync": 8, "async": 9}[kind]}).result(PATIENCE)
@@ -411,7 +411,7 @@ def test_a_failed_job_raises_its_own_error(kind):
 
 
 @pytest.mark.parametrize("code", ["mesh_too_large", "unsuited", "store_full"])
-def test_the_client_knows_the_errors_of_meshes_parameters_and_stores(code):
+def test_the_client_raises_errors_of_meshes_parameters_and_stores(code):
     with pytest.raises(errors.UnbendError) as raised:
         protocol.outcome({"state": "failed", "error": {"code": code, "message": "why"}})
     assert raised.value.code == code

@@ -1,4 +1,4 @@
-"""Descriptors against integrals and plain formulas, and under flips, which must not change them."""
+"""Descriptors compared with integrals and plain formulas, and their invariance."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def cloud(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def even_sphere(count: int, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a golden spiral on the unit sphere, each for an equal share of its area."""
+    """Return the points of a golden spiral on the unit sphere, and equal weights."""
     place = np.arange(count)
     height, angle = 1 - (2 * place + 1) / count, np.pi * (1 + np.sqrt(5)) * place + turn
     radius = np.sqrt(1 - height**2)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height]), np.full(count, 1 / count)
 
 
-def test_moments_of_a_flat_sheet_are_the_integrals():
+def test_moments_of_a_flat_sheet_equal_the_integrals():
     signature = compute_signature(sheet(width=2.0, height=1.0, columns=30, rows=15), Parameters(samples=5000))
     area = 2.0
     expected = [2.0**2 / 12 / area, 1.0**2 / 12 / area, 0.0]  # mean of x^2 over a segment of length l is l^2 / 12
@@ -37,7 +37,7 @@ def test_moments_of_a_flat_sheet_are_the_integrals():
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_the_pose_is_the_same_from_every_side(rotation, seed):
+def test_the_principal_pose_does_not_depend_on_rotation(rotation, seed):
     points, weights = cloud(seed)
     posed = principal_pose(points, weights)
     turned = principal_pose(points @ rotation(seed).T + [1, 2, 3], 7 * weights)
@@ -45,7 +45,7 @@ def test_the_pose_is_the_same_from_every_side(rotation, seed):
     np.testing.assert_allclose(squareform(pdist(posed)), squareform(pdist(points)), atol=1e-9)
 
 
-def test_the_spectrum_is_that_of_the_weighted_kernels():
+def test_the_spectrum_has_the_eigenvalues_of_the_weighted_kernels():
     points, weights = cloud(1)
     weights = weights / weights.sum()
     distances = squareform(pdist(points[:, :2]))
@@ -67,8 +67,8 @@ def test_diffusion_on_a_sphere_has_the_eigenvalues_of_its_laplacian():
     np.testing.assert_allclose(-4 / 0.1**2 * found, expected, rtol=0.06, atol=1e-6)
 
 
-def test_diffusion_does_not_feel_how_dense_the_samples_are():
-    """Twice as many samples on one half, each with half the area: only the surface matters, not the density."""
+def test_diffusion_does_not_depend_on_the_density_of_samples():
+    """One half of the sphere has twice as many samples, each with half the area."""
     points, shares = even_sphere(1500)
     denser = np.concatenate([points, even_sphere(1500, turn=0.5)[0][points[:, 2] > 0]])
     areas = np.concatenate([np.where(points[:, 2] > 0, shares / 2, shares), shares[points[:, 2] > 0] / 2])
@@ -81,7 +81,7 @@ def test_diffusion_does_not_feel_how_dense_the_samples_are():
     np.testing.assert_allclose(*found, atol=0.01)
 
 
-def test_the_spectrum_knows_no_order():
+def test_the_spectrum_does_not_depend_on_the_order_of_points():
     points, weights = cloud(2)
     distances = squareform(pdist(points))
     order = np.random.default_rng(0).permutation(50)
@@ -91,7 +91,7 @@ def test_the_spectrum_knows_no_order():
     )
 
 
-def test_quantiles_of_points_on_a_line():
+def test_the_distribution_of_points_on_a_line_has_the_known_quantiles():
     points = np.sort(np.random.default_rng(3).uniform(size=(400, 1)), axis=0)
     found = distance_distribution(squareform(pdist(points)), points, np.ones(400)) * 64
     levels = (np.arange(64) + 0.5) / 64
@@ -100,7 +100,7 @@ def test_quantiles_of_points_on_a_line():
     np.testing.assert_allclose(found[64:], found[:64])
 
 
-def test_a_point_counted_twice_is_a_point_of_double_weight():
+def test_a_repeated_point_equals_a_point_of_double_weight():
     points, weights = cloud(4)
     doubled = np.vstack([points, points[:1]])
     halves = np.append(weights, weights[0] / 2)
@@ -116,8 +116,8 @@ def test_a_point_counted_twice_is_a_point_of_double_weight():
     )
 
 
-def test_the_spectrum_is_finite_where_samples_stand_for_nothing_and_have_nothing_near():
-    """A needle of twenty orders of magnitude, such as the fuzzer found in one of thirty thousand files."""
+def test_the_spectrum_is_finite_for_isolated_samples_without_weight():
+    """The fuzzer found such a mesh, with a needle over twenty orders of magnitude."""
     distances = 1e12 * (1.0 - np.eye(6))
     weights = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert np.isfinite(geodesic_spectrum(distances, weights)).all()

@@ -1,4 +1,4 @@
-"""Moments and pose: plain formulas, and continuity where two second moments are equal."""
+"""Moments and pose: comparison with plain formulas, and continuity where two second moments are equal."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ def cloud(seed: int, axes: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lopsided(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a shape with two or three equal second moments, and third moments that are not zero by symmetry."""
+    """Return points with two or three equal second moments, and with third moments that are not zero."""
     points, rng = SHAPES[name].vertices, np.random.default_rng(5)
     weights = 1 + 0.5 * rng.random(len(points))
     share = weights / weights.sum()
     centred = points - share @ points
     values, axes = np.linalg.eigh((centred * share[:, None]).T @ centred)
     level = values.copy()
-    level[:2] = values[:2].mean()  # exactly two equal ones
+    level[:2] = values[:2].mean()  # makes exactly two moments equal
     if name == "sphere":
         level[:] = values.mean()
     return centred @ axes * np.sqrt(level / values) @ axes.T, weights
 
 
-def test_in_a_frame_of_axes_far_apart_they_are_the_plain_moments():
+def test_moments_with_distinct_axes_equal_the_plain_moments():
     rng = np.random.default_rng(0)
     points, weights = rng.gamma(2.0, size=(400, 3)) * [1.0, 0.7, 0.3], rng.uniform(0.1, 1, 400)
     posed = principal_pose(points, weights)
@@ -46,7 +46,7 @@ def test_in_a_frame_of_axes_far_apart_they_are_the_plain_moments():
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.floats(1e-3, 1e3))
-def test_turned_mirrored_moved_and_reordered_sets_have_the_same_moments(rotation, seed, mirrored, factor):
+def test_moments_do_not_depend_on_rotation_reflection_translation_or_order(rotation, seed, mirrored, factor):
     points, weights = cloud(seed)
     order = np.random.default_rng(seed).permutation(len(points))
     moved = factor * points @ rotation(seed).T * ([1, 1, -1] if mirrored else 1) + [1, 2, 3]
@@ -56,8 +56,8 @@ def test_turned_mirrored_moved_and_reordered_sets_have_the_same_moments(rotation
 
 @pytest.mark.parametrize("name", SHAPES)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_equal_axes_make_no_jump(rotation, name, seed):
-    """The moments along fixed axes do jump here."""
+def test_moments_are_continuous_at_equal_axes(rotation, name, seed):
+    """The moments along principal axes are discontinuous here."""
     points, weights = lopsided(name)
     before = moments(points, weights)
     assert np.linalg.norm(before[3:]) > 1e-3 * np.linalg.norm(before[:3])
@@ -67,8 +67,8 @@ def test_equal_axes_make_no_jump(rotation, name, seed):
         assert np.linalg.norm(moments(other, weights) - before) < 1e-4 * np.linalg.norm(before)
 
 
-def test_relative_signs_tell_sets_apart_that_absolute_values_do_not():
-    """A set of points with T_000 and T_011 of equal or opposite signs, and the same second moments either way."""
+def test_moments_distinguish_relative_signs_of_third_moments():
+    """The two sets have T_000 and T_011 of equal or opposite signs, and equal second moments."""
 
     def drop(sign: float) -> np.ndarray:
         x = np.array([2.0, -1.0, -1.0, 0.4 * sign, 0.4 * sign, -0.4 * sign, -0.4 * sign, 0, 0]) * 3
@@ -82,7 +82,7 @@ def test_relative_signs_tell_sets_apart_that_absolute_values_do_not():
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3, 4, 7])
-def test_there_are_fourteen_whatever_the_dimension(axes):
+def test_there_are_fourteen_moments_in_any_dimension(axes):
     points, weights = cloud(1, axes)
     found = moments(points, weights)
     assert found.shape == (14,)
@@ -94,11 +94,11 @@ def test_there_are_fourteen_whatever_the_dimension(axes):
         np.testing.assert_allclose(moments(padded, weights), found, atol=1e-9 * found.max())
 
 
-def test_points_in_one_place_have_no_moments():
+def test_moments_of_coincident_points_are_zero():
     np.testing.assert_array_equal(moments(np.ones((5, 3)), np.ones(5)), np.zeros(14))
 
 
-def test_the_sizes_of_surfaces_are_no_matter():
+def test_moments_of_extreme_sizes_do_not_overflow():
     points, weights = cloud(2)
     with np.errstate(all="raise"):
         for factor in (1e-100, 1e100):
@@ -106,7 +106,7 @@ def test_the_sizes_of_surfaces_are_no_matter():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_rounding_does_not_choose_the_sides_of_a_symmetric_set(seed):
+def test_the_pose_of_a_symmetric_set_is_stable_under_noise(seed):
     half = np.random.default_rng(seed).normal(size=(40, 3)) * [3, 2, 1]
     points = np.vstack([half, -half])
     before = principal_pose(points, np.ones(80))
@@ -115,7 +115,7 @@ def test_rounding_does_not_choose_the_sides_of_a_symmetric_set(seed):
         np.testing.assert_allclose(principal_pose(points + noise, np.ones(80)), before, atol=1e-6)
 
 
-def test_each_axis_points_to_the_side_of_its_larger_third_moment():
+def test_each_axis_of_the_pose_has_a_positive_third_moment():
     points, weights = cloud(3)
     for mirrored in (points, points * [-1, 1, 1], points * [1, -1, -1]):
         posed = principal_pose(mirrored, weights)

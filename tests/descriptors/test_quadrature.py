@@ -1,4 +1,4 @@
-"""Integrals over triangulated surfaces against closed forms."""
+"""Integrals over triangulated surfaces, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_cubics_are_exact_on_the_unit_triangle(powers):
 
 
 @given(st.lists(st.floats(0, 5), min_size=3, max_size=3))
-def test_a_linear_density_keeps_cubics_exact(density):
+def test_cubics_are_exact_with_a_linear_density(density):
     """The integral of hats l1^a l2^b l3^c is 2 A a! b! c! / (a + b + c + 2)!; a density adds one hat to each."""
     corners = np.eye(3)  # so that coordinates are the hats themselves
     area = np.sqrt(3) / 2
@@ -39,7 +39,7 @@ def test_a_linear_density_keeps_cubics_exact(density):
 
 
 @pytest.mark.parametrize("surface", [sphere(subdivisions=2), torus()], ids=["sphere", "torus"])
-def test_with_the_areas_around_vertices_it_is_the_surface_integral(surface):
+def test_vertex_areas_as_weights_give_the_surface_integral(surface):
     points, weights = surface_quadrature(surface.vertices, surface.faces, surface.vertex_areas)
     assert weights.sum() == pytest.approx(surface.area, rel=1e-12)
     corners = surface.vertices[surface.faces]
@@ -49,7 +49,7 @@ def test_with_the_areas_around_vertices_it_is_the_surface_integral(surface):
     np.testing.assert_allclose((points * weights[:, None]).T @ points, second, atol=1e-10 * surface.area)
 
 
-def test_a_vertex_without_a_triangle_stands_for_itself_and_one_without_area_for_nothing():
+def test_an_isolated_vertex_keeps_its_weight_and_a_vertex_without_area_has_none():
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5], [np.nan, np.inf, 0]])
     places, masses = surface_quadrature(points, TRIANGLE, np.array([1 / 6, 1 / 6, 1 / 6, 2.0, 0.0]))
     assert np.isfinite(places).all()
@@ -58,8 +58,8 @@ def test_a_vertex_without_a_triangle_stands_for_itself_and_one_without_area_for_
     np.testing.assert_array_equal(places[-1], [5, 5, 5])
 
 
-def test_on_a_line_every_vertex_stands_for_itself():
-    """The area of three points on a line is rounding, which must not affect their weights."""
+def test_vertices_on_a_line_keep_their_weights():
+    """The computed area of three points on a line is only rounding error, which must not affect the weights."""
     rng = np.random.default_rng(1)
     points, weights = rng.normal(size=(30, 1)) * 1e3, rng.uniform(0.1, 1.0, 30)
     faces = np.array([rng.choice(30, 3, replace=False) for _ in range(40)], np.int32)

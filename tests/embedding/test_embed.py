@@ -1,4 +1,4 @@
-"""The three scalings: exact on Euclidean input, ordered by stress, independent of rotation and labels."""
+"""The three methods of scaling: exact on Euclidean distances, ordered by stress, independent of the order of points."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def test_least_squares_has_the_lowest_stress(seed, dimensions):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_stress_falls_with_the_dimension(torus_distances, method):
+def test_stress_falls_with_the_number_of_dimensions(torus_distances, method):
     found = [embed(torus_distances, m, method=method).stress for m in range(1, 6)]
     assert found[2] < 0.2 * found[0]
-    if method == "least_squares":  # the others minimise something else, and may rise a little as in Table 2
+    if method == "least_squares":  # the other methods do not minimise stress, which may rise slightly, as in Table 2
         assert all(after <= before * 1.01 for before, after in itertools.pairwise(found))
 
 
-def test_stress_is_that_of_the_points_returned():
+def test_the_reported_stress_is_that_of_the_returned_points():
     distances = city_block(1)
     for method in METHODS:
         found = embed(distances, 3, method=method)
@@ -86,7 +86,7 @@ def test_smacof_agrees_with_a_plain_implementation_of_eq_8_and_9():
         expected = np.linalg.pinv(v) @ b @ z
         found, made = smacof(distances, z, w, memory=0, iterations=1)
         assert made == 1
-        np.testing.assert_allclose(found, expected, atol=1e-5)  # far from the minimum it goes in single precision
+        np.testing.assert_allclose(found, expected, atol=1e-5)  # far from the minimum, smacof uses single precision
 
 
 def test_every_iteration_lowers_the_stress():
@@ -95,7 +95,7 @@ def test_every_iteration_lowers_the_stress():
     assert all(after <= before for before, after in itertools.pairwise(found))
 
 
-def test_weights_of_one_are_no_weights_and_zero_leaves_a_pair_out():
+def test_equal_weights_change_nothing_and_weight_zero_ignores_a_pair():
     distances = city_block(7)
     for ones in (np.ones_like(distances), 2.0 * (1.0 - np.eye(len(distances))), np.full(len(distances), 3.0)):
         np.testing.assert_allclose(embed(distances, weights=ones).points, embed(distances).points, atol=1e-9)
@@ -107,7 +107,7 @@ def test_weights_of_one_are_no_weights_and_zero_leaves_a_pair_out():
     assert embed(wrong, weights=weights).stress < 0.01 * embed(wrong).stress
 
 
-def test_the_size_of_weights_does_not_matter_but_too_wide_a_range_is_refused():
+def test_only_relative_weights_matter_and_too_wide_a_range_is_refused():
     distances = city_block(20)
     weights = squareform(np.random.default_rng(20).uniform(0.5, 2, 780))
     for factor in (1e-60, 1e60):
@@ -119,7 +119,7 @@ def test_the_size_of_weights_does_not_matter_but_too_wide_a_range_is_refused():
         embed(distances, weights=weights)
 
 
-def test_heavy_points_fit_best():
+def test_points_of_large_weight_have_less_stress():
     distances = city_block(14, 60)
     heavy = np.arange(60) < 20
     for method in ("classical", "least_squares"):
@@ -132,7 +132,7 @@ def test_heavy_points_fit_best():
         assert fits[1] < 0.9 * fits[0], method
 
 
-def test_weighted_classical_scaling_is_that_of_repeated_points():
+def test_integer_weights_in_classical_scaling_equal_repeated_points():
     distances, times = city_block(15, 30), np.random.default_rng(15).integers(1, 4, 30)
     repeated = np.repeat(np.arange(30), times)
     every = embed(distances[np.ix_(repeated, repeated)], method="classical").points
@@ -153,7 +153,7 @@ def test_acceleration_reaches_the_minimum_of_smacof_in_less_than_half_the_iterat
     assert counts[1] < 0.5 * counts[0]
 
 
-def test_many_points_give_the_same_on_any_number_of_threads():
+def test_the_number_of_threads_does_not_change_the_embedding():
     distances = city_block(16, 1100)
     one, two = (embed(distances, threads=threads) for threads in (1, 3))
     np.testing.assert_array_equal(one.points, two.points)
@@ -186,7 +186,7 @@ def test_random_starts_never_raise_the_stress_and_can_lower_it():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_the_effective_dimension_of_points_is_theirs(seed, dimensions):
+def test_the_effective_dimension_of_points_is_the_dimension_of_their_space(seed, dimensions):
     distances = squareform(pdist(cloud(seed, 60, dimensions)))
     errors = representation_errors(distances)
     assert (np.diff(errors) <= 0).all()
@@ -210,25 +210,25 @@ def test_developable_sheets_have_two_effective_dimensions(make):
 
 
 @pytest.mark.parametrize("surface", [sphere(subdivisions=2), torus(columns=30, rows=20), ellipsoid(subdivisions=2)])
-def test_closed_bodies_have_three_or_more(surface):
+def test_closed_surfaces_have_three_or_more_effective_dimensions(surface):
     assert effective_dimension(geodesic_matrix(surface, surface.used_vertices)) >= 3
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["classical", "least_squares"]))
-def test_labels_do_not_matter(seed, method):
+def test_the_order_of_points_does_not_change_the_stress(seed, method):
     distances = city_block(seed, 20)
     order = np.random.default_rng(seed).permutation(20)
     found = embed(distances[np.ix_(order, order)], method=method)
     assert found.stress == pytest.approx(embed(distances, method=method).stress, rel=1e-3)
 
 
-def test_runs_are_equal():
+def test_repeated_runs_are_equal():
     distances = city_block(9)
     for method in METHODS:
         np.testing.assert_array_equal(embed(distances, method=method).points, embed(distances, method=method).points)
 
 
-def test_eigenvalues_fall_and_fastmap_counts_what_it_clips():
+def test_eigenvalues_are_sorted_and_fastmap_counts_clipped_distances():
     distances = city_block(10)
     assert (np.diff(embed(distances, 5).eigenvalues) <= 0).all()
     assert embed(distances, 3, method="fast").clipped > 0
@@ -283,7 +283,7 @@ def test_wrong_arguments_are_refused(arguments, message):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_fewest_dimensions_by_stress_keep_it_below_the_threshold(torus_distances, method):
+def test_auto_dimensions_by_stress_are_the_fewest_below_the_threshold(torus_distances, method):
     for threshold in (0.3, 0.1, 0.05):
         found = embed(torus_distances, "auto", method=method, criterion="stress", threshold=threshold)
         assert found.stress <= threshold
@@ -291,18 +291,18 @@ def test_the_fewest_dimensions_by_stress_keep_it_below_the_threshold(torus_dista
         assert fewer == 0 or embed(torus_distances, fewer, method=method).stress > threshold
 
 
-def test_the_fewest_dimensions_by_error_are_the_effective_ones(torus_distances):
+def test_auto_dimensions_by_error_equal_the_effective_dimension(torus_distances):
     for threshold in (0.3, 0.05, 0.02):
         found = embed(torus_distances, "auto", threshold=threshold)
         assert found.points.shape[1] == effective_dimension(torus_distances, error=threshold)
 
 
-def test_a_stress_that_no_space_reaches_gives_the_most_dimensions():
+def test_an_unreachable_stress_gives_the_maximal_number_of_dimensions():
     assert embed(city_block(11), "auto", method="fast", criterion="stress", threshold=1e-9).points.shape[1] == 12
 
 
 def test_the_seed_chooses_random_starts():
-    distances = city_block(9)  # on a line, where there are many minima
+    distances = city_block(9)  # embedded on a line, where the stress has many minima
     stresses = {embed(distances, 1, starts=1, seed=seed).stress for seed in range(5)}
     assert len(stresses) > 1
     again = embed(distances, 1, starts=1, seed=3)
@@ -310,7 +310,7 @@ def test_the_seed_chooses_random_starts():
 
 
 @pytest.mark.parametrize(("rule", "power"), [("inverse", 1), ("inverse_squared", 2)])
-def test_inverse_weights_are_powers_of_the_distance_and_favour_what_is_near(torus_distances, rule, power):
+def test_inverse_weights_are_powers_of_the_distance_and_favour_near_pairs(torus_distances, rule, power):
     weights = weights_for(rule, torus_distances, np.ones(len(torus_distances)))
     ratio = weights * torus_distances**power
     np.testing.assert_allclose(ratio[torus_distances > 0], ratio.max())
@@ -323,7 +323,7 @@ def test_inverse_weights_are_powers_of_the_distance_and_favour_what_is_near(toru
     assert error_of_near(weights=weights) < error_of_near()
 
 
-def test_points_at_one_place_have_finite_weights():
+def test_coincident_points_have_finite_weights():
     distances = city_block(12)
     distances[1], distances[:, 1] = distances[0], distances[:, 0]
     distances[[0, 1], [1, 0]] = distances[1, 1] = 0
@@ -331,7 +331,7 @@ def test_points_at_one_place_have_finite_weights():
     assert np.isfinite(found.points).all()
 
 
-def test_areas_weight_points_and_equal_weights_are_none():
+def test_area_weights_are_the_areas_and_equal_weights_are_none():
     areas = np.array([1.0, 2.0, 0.0])
     distances = np.array([[0.0, 1, 2], [1, 0, 1], [2, 1, 0]])
     assert weights_for("equal", distances, areas) is None
@@ -344,7 +344,7 @@ def test_areas_weight_points_and_equal_weights_are_none():
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-80, 1e80, 1e160, 1e200, 1e300])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dimensions", [2, "auto"])
-def test_any_unit_gives_the_same_points(scale, method, dimensions):
+def test_the_unit_of_length_does_not_change_the_shape_of_the_embedding(scale, method, dimensions):
     matrix = np.array([[0, 3, 4, 5], [3, 0, 5, 4], [4, 5, 0, 3], [5, 4, 3, 0.0]])  # the corners of a rectangle
     found = embed(matrix * scale, dimensions, method=method)
     assert found.points.shape == (4, 2)
@@ -354,7 +354,7 @@ def test_any_unit_gives_the_same_points(scale, method, dimensions):
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e200, 1e300])
-def test_weights_of_any_size_give_the_same_points(scale):
+def test_the_scale_of_weights_does_not_change_the_embedding(scale):
     rng = np.random.default_rng(0)
     points = rng.normal(size=(8, 3))
     matrix = np.linalg.norm(points[:, None] - points, axis=2)
@@ -368,7 +368,7 @@ def test_weights_of_any_size_give_the_same_points(scale):
         np.testing.assert_allclose(other.points, found.points, atol=1e-4)
 
 
-def test_eigenvalues_that_no_double_can_hold_are_infinite():
+def test_eigenvalues_that_overflow_are_infinite():
     matrix = np.array([[0, 3, 4], [3, 0, 5], [4, 5, 0.0]])
     assert np.isinf(embed(matrix * 1e200, 2, method="classical").eigenvalues).all()
     assert np.isfinite(embed(matrix * 1e100, 2, method="classical").eigenvalues).all()

@@ -1,4 +1,4 @@
-"""Out-of-sample extension, where the result is known."""
+"""Out-of-sample extension, compared with known results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def squares(points: np.ndarray, landmarks: int) -> np.ndarray:
 
 @pytest.mark.parametrize("method", ["classical", "least_squares", "fast"])
 @pytest.mark.parametrize("dimensions", [1, 2, 3, 8, 12])
-def test_euclidean_points_are_placed_where_they_are(method, dimensions):
+def test_euclidean_points_are_recovered(method, dimensions):
     points = cloud(400, dimensions)
     embedded = embed(squareform(pdist(points[:100])), dimensions, method=method).points
     placed = extend(embedded, np.arange(100), squares(points, 60), refine=method == "least_squares")
@@ -35,7 +35,7 @@ def sphere_distances(count: int) -> np.ndarray:
     return np.arccos(np.clip(points @ points.T, -1, 1)) * (1 - np.eye(count))
 
 
-def test_classical_scaling_is_extended_as_landmark_scaling_does():
+def test_the_extension_of_classical_scaling_equals_landmark_scaling():
     distances = sphere_distances(300)
     inner = distances[:80, :80]
     points = embed(inner, 3, method="classical").points
@@ -45,7 +45,7 @@ def test_classical_scaling_is_extended_as_landmark_scaling_does():
     assert np.abs(placed - known).max() < 5e-3
 
 
-def test_refined_points_have_the_least_stress_against_the_landmarks():
+def test_refined_points_have_the_least_stress_with_the_landmarks():
     distances = sphere_distances(200)
     points = embed(distances[:80, :80], 3).points
     squared = (distances[:80] ** 2).astype(np.float32)
@@ -67,7 +67,7 @@ def test_refined_points_have_the_least_stress_against_the_landmarks():
     assert after.sum() < least.sum() * 1.001
 
 
-def test_what_a_landmark_does_not_reach_has_no_place():
+def test_points_that_no_landmark_reaches_are_nan():
     points = cloud(50, 3)
     squared = squares(points, 20)
     squared[:, 49] = np.inf
@@ -77,7 +77,7 @@ def test_what_a_landmark_does_not_reach_has_no_place():
 
 
 @pytest.mark.parametrize("refine", [False, True])
-def test_points_that_coincide_or_lie_in_fewer_dimensions_do_no_harm(refine):
+def test_coincident_and_degenerate_points_are_placed_correctly(refine):
     points = np.zeros((30, 3))
     points[:, 0] = np.repeat(np.arange(15.0), 2)
     placed = extend(points, np.arange(30), squares(points, 30), refine=refine)
@@ -86,7 +86,7 @@ def test_points_that_coincide_or_lie_in_fewer_dimensions_do_no_harm(refine):
     np.testing.assert_array_equal(extend(still, np.arange(5), np.zeros((5, 5), np.float32), refine=refine), still)
 
 
-def test_threads_do_not_show():
+def test_the_number_of_threads_does_not_change_the_extension():
     points = cloud(500, 3)
     squared = squares(points, 40)
     first = extend(points[:100], np.arange(100), squared, refine=True, threads=1)

@@ -1,4 +1,4 @@
-"""Contours against known curves, and properties of every contour."""
+"""Contours compared with known curves, and properties of every contour."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def is_closed(line: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize("height", [-0.7, 0.0, 0.4])
-def test_circles_of_latitude_are_approached_at_second_order(height):
+def test_contours_converge_to_circles_of_latitude_at_second_order(height):
     errors = []
     for subdivisions in (3, 4, 5):
         ball = sphere(subdivisions)
@@ -44,25 +44,25 @@ def test_contours_of_distance_on_a_flat_sheet_are_circles_and_arcs():
         assert is_closed(line)
         np.testing.assert_allclose(np.linalg.norm(line - surface.vertices[middle], axis=1), radius, rtol=2e-3)
         assert length(line) == pytest.approx(2 * math.pi * radius, rel=2e-3)
-    assert len(cut) == 4  # the sheet's sides are 30 away
+    assert len(cut) == 4  # a circle of radius 35 leaves the sheet, whose sides are 30 away
     assert not any(is_closed(line) for line in cut)
     angle = 2 * math.pi - 8 * math.acos(30 / 35)
     assert sum(map(length, cut)) == pytest.approx(35 * angle, rel=5e-3)
 
 
-def test_a_level_that_vertices_have_gives_one_contour_without_gaps():
+def test_a_contour_through_vertices_has_no_gaps():
     surface = grid(6, 4)
     ((line,),) = iso_contours(surface, surface.vertices[:, 0], 3.0)  # along the edges at x = 3
     np.testing.assert_array_equal(line[:, 0], 3)
     assert sorted(line[:, 1].tolist()) == [0, 1, 2, 3, 4]
     ((line,),) = iso_contours(surface, surface.vertices[:, 0] + surface.vertices[:, 1], 4.0)
     assert length(line) == pytest.approx(4 * math.sqrt(2))
-    assert len(line) == 5 + 4  # each vertex once, and each diagonal in the middle
+    assert len(line) == 5 + 4  # five vertices and the midpoints of four diagonals
     steps = np.diff(line, axis=0)
     np.testing.assert_allclose(steps, np.broadcast_to(steps[0], steps.shape), atol=1e-12)
 
 
-def test_plateaus_are_outlined_peaks_that_touch_the_level_are_not():
+def test_plateaus_have_contours_but_peaks_at_the_level_have_none():
     surface = grid(6, 6)
     plateau = (np.abs(surface.vertices[:, :2] - 3).max(axis=1) <= 1).astype(float)
     ((line,),) = iso_contours(surface, plateau, 1.0)
@@ -73,7 +73,7 @@ def test_plateaus_are_outlined_peaks_that_touch_the_level_are_not():
     assert iso_contours(surface, np.ones(49), 1.0) == ((),)
 
 
-def test_there_are_none_where_the_values_are_infinite():
+def test_contours_stop_at_infinite_values():
     surface = grid(8, 4)
     values = surface.vertices[:, 0].copy()
     values[surface.vertices[:, 1] > 2] = np.inf
@@ -84,7 +84,7 @@ def test_there_are_none_where_the_values_are_infinite():
     assert iso_contours(surface, np.where(values > 4, -np.inf, values), 6.5) == ((),)
 
 
-def test_chains_end_where_three_faces_meet_and_faces_that_repeat_a_vertex_do_no_harm():
+def test_contours_end_at_non_manifold_edges_and_ignore_degenerate_faces():
     points = [[0, 0, 0], [0, 2, 0], [1, 1, 0], [-1, 1, 0], [0, 1, 1]]
     surface = Surface(points, [[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 1, 2], [0, 0, 0]])
     (lines,) = iso_contours(surface, surface.vertices[:, 1], 0.5)
@@ -94,7 +94,7 @@ def test_chains_end_where_three_faces_meet_and_faces_that_repeat_a_vertex_do_no_
 
 
 @pytest.mark.parametrize("name", ["teapot", "cow"])
-def test_contours_of_distance_on_messy_real_meshes(shared_data, name):
+def test_contours_of_distance_lie_on_damaged_real_meshes(shared_data, name):
     surface = read_mesh(shared_data / "dirty" / f"{name}.obj")
     values = geodesic_distances(surface, surface.used_vertices[0])[0]
     largest = values[np.isfinite(values)].max()
@@ -105,16 +105,16 @@ def test_contours_of_distance_on_messy_real_meshes(shared_data, name):
 
 @given(seeds, st.booleans())
 @settings(max_examples=60)
-def test_contours_separate_what_is_below_from_what_is_not(seed, whole):
+def test_contours_have_the_length_in_every_triangle_and_end_only_at_the_border(seed, whole):
     rng = np.random.default_rng(seed)
     surface = torus(columns=9, rows=7) if seed % 2 else grid(7, 6)
     size = len(surface.vertices)
-    values = rng.integers(0, 4, size).astype(float) if whole else rng.normal(size=size)  # many equal the level
+    values = rng.integers(0, 4, size).astype(float) if whole else rng.normal(size=size)  # integers may equal the level
     level = float(rng.integers(1, 4)) if whole else float(rng.normal())
     (lines,) = iso_contours(surface, values, level)
     a, b, c = (values[surface.faces[:, corner]] for corner in range(3))
     corners = surface.vertices[surface.faces]
-    expected = 0.0  # the length, triangle by triangle
+    expected = 0.0  # sum of the lengths in the triangles
     for triangle, triple in zip(corners, np.stack([a, b, c], axis=1), strict=True):
         below = triple < level
         if 0 < below.sum() < 3:
@@ -162,7 +162,7 @@ def test_wrong_arguments_are_refused(values, levels, message):
         iso_contours(grid(2, 2), values, levels)
 
 
-def test_values_of_vertices_without_faces_do_not_matter():
+def test_values_of_unused_vertices_are_ignored():
     flat = grid(2, 2)
     surface = Surface([*flat.vertices, [9, 9, 9]], flat.faces)
     ((line,),) = iso_contours(surface, np.append(flat.vertices[:, 0], np.nan), 0.5)

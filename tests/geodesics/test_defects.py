@@ -1,4 +1,4 @@
-"""Defective meshes give correct distances or a typed error: generated ones, the crash table, messy real meshes."""
+"""Damaged meshes give correct distances or a typed error: generated, from the crash table, and real ones."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from unbend.errors import MeshGeometryError
 from unbend.mesh.shapes import sphere, torus
 
 MEAN = 0.05
-"""Bound of a mean relative error on some 50 vertices; the worst of 20,000 meshes had 0.045."""
+"""Bound of the mean relative error on about 50 vertices; the largest on 20,000 meshes was 0.045."""
 
 
 @pytest.mark.parametrize("surface", [sphere(subdivisions=1), torus(columns=9, rows=6), grid(6, 5, 0.4)])
-def test_the_oracle_for_soups_agrees_with_exact_geodesics_of_manifolds(surface):
+def test_the_oracle_for_triangle_soups_equals_exact_geodesics_on_manifolds(surface):
     rng = np.random.default_rng(3)
     crumpled = Surface(surface.vertices + rng.normal(0, 0.2, surface.vertices.shape), surface.faces)
     sources = np.array([0, 7, 20])
@@ -34,7 +34,7 @@ def test_the_oracle_for_soups_agrees_with_exact_geodesics_of_manifolds(surface):
     st.sampled_from(["stitch", "keep"]),
 )
 @settings(max_examples=300)
-def test_ordinary_defects_end_in_a_right_distance_or_a_typed_error(mesh, seed, components, seams):
+def test_ordinary_defects_give_correct_distances_or_a_typed_error(mesh, seed, components, seams):
     outcome = examine(mesh, np.random.default_rng(seed), components, seams=seams)
     assert outcome.error is None or str(outcome.error)
     for update in UPDATES if outcome.error is None else ():
@@ -43,7 +43,7 @@ def test_ordinary_defects_end_in_a_right_distance_or_a_typed_error(mesh, seed, c
 
 @given(defective(), st.integers(0, 2**32 - 1))
 @settings(max_examples=30)
-def test_the_oracle_for_soups_is_below_paths_over_steiner_points(mesh, seed):
+def test_the_oracle_for_triangle_soups_is_at_most_the_length_of_steiner_paths(mesh, seed):
     outcome = examine(mesh, np.random.default_rng(seed)) if not _is_coarse(mesh) else None
     if outcome is None or outcome.error is not None:
         return
@@ -70,7 +70,7 @@ CRASH_TABLE = {
 
 @pytest.mark.parametrize("components", ["largest", "bridge"])
 @pytest.mark.parametrize("row", CRASH_TABLE)
-def test_rows_of_the_crash_table(row, components):
+def test_every_defect_of_the_crash_table_gives_correct_distances(row, components):
     mesh = spoil("sphere", [(CRASH_TABLE[row], 1)])
     outcome = examine(mesh, np.random.default_rng(0), components, sources=4)
     assert outcome.error is None
@@ -78,21 +78,21 @@ def test_rows_of_the_crash_table(row, components):
         assert np.abs(outcome.relative[update]).mean() < 0.05
 
 
-def test_an_index_out_of_range_is_named():
+def test_an_index_out_of_range_is_a_typed_error():
     outcome = examine(spoil("sphere", [("out_of_range", 1)]), np.random.default_rng(0))
     assert isinstance(outcome.error, MeshGeometryError)
     assert "uses vertices" in str(outcome.error)
 
 
 @pytest.mark.parametrize("base", BASES)
-def test_clean_bases_have_small_errors(base):
+def test_undamaged_meshes_have_small_errors(base):
     outcome = examine(spoil(base, []), np.random.default_rng(0), sources=4)
     assert np.abs(outcome.relative["spherical"]).mean() < 0.02
     assert np.abs(outcome.relative["planar"]).mean() < 0.05
 
 
 @pytest.mark.parametrize("folder", ["dirty", "single"])
-def test_real_meshes_keep_every_cheap_property(shared_data, folder):
+def test_distances_on_real_meshes_pass_every_cheap_check(shared_data, folder):
     paths = sorted((shared_data / folder).iterdir())
     assert paths
     for path in paths:
@@ -103,7 +103,7 @@ def test_real_meshes_keep_every_cheap_property(shared_data, folder):
             check_rows(surface, sources, update, longest)
 
 
-def test_a_surface_as_small_as_the_rounding_of_its_place_has_the_distances_of_its_coordinates():
+def test_a_surface_near_the_rounding_of_its_coordinates_has_no_overlong_distances():
     ball = sphere(subdivisions=1)
     surface = Surface(ball.vertices * 1e-14 + [2.0, -1.5, 1.0], ball.faces)
     sources = np.arange(len(ball.vertices))
@@ -122,7 +122,7 @@ def test_a_surface_as_small_as_the_rounding_of_its_place_has_the_distances_of_it
         ("cylinder", [("squash", 1142058868)]),
     ],
 )
-def test_what_the_exact_start_once_vouched_for_wrongly(base, steps):
+def test_regressions_of_the_exact_start_are_fixed(base, steps):
     outcome = examine(spoil(base, steps), np.random.default_rng(0), sources=20)
     for update in UPDATES:
         assert np.abs(outcome.relative[update]).mean() < 0.01

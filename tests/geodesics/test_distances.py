@@ -1,4 +1,4 @@
-"""Geodesic distances against known answers: flat sheets, exact polyhedral geodesics, real meshes."""
+"""Geodesic distances compared with known results: flat sheets, exact polyhedral geodesics, real meshes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.shapes import sphere, torus
 
-# Mean relative errors nothing here may exceed: half a percent, and the best planar prototype known to us.
+# Bounds of the mean relative error; those of the planar update are from the best planar prototype known to us.
 SPHERICAL = 0.005
 PLANAR = {"shrec11_simplified": 0.0262, "faust5k": 0.0155, "tosca5k": 0.0096, "single": 0.0155, "torus": 0.0064}
 
@@ -27,11 +27,11 @@ def test_spherical_marching_is_exact_on_flat_sheets(shear):
     surface = grid(20, 15, shear)
     distances = geodesic_distances(surface, [0])[0]
     straight = np.linalg.norm(surface.vertices - surface.vertices[0], axis=1)
-    # A sheared sheet is still convex, so straight lines are geodesics.
+    # A sheared sheet is convex, so its geodesics are straight lines.
     assert mean_relative_error(distances, straight) < SINGLE_PRECISION
 
 
-def test_error_on_the_sheared_sheet_vanishes_under_refinement():
+def test_the_error_on_a_sheared_sheet_converges_at_first_order():
     errors = []
     for size in (80, 160, 320):
         surface = grid(size, size, 1.5)
@@ -47,7 +47,7 @@ def orders_of(errors):
 
 
 @pytest.mark.parametrize(("update", "bound"), [("spherical", SPHERICAL), ("planar", PLANAR["single"])])
-def test_the_sphere_against_exact_geodesics(update, bound):
+def test_distances_on_a_sphere_are_near_exact_geodesics(update, bound):
     surface = sphere(subdivisions=4)
     sources = np.array([0, 1000])
     errors = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
@@ -55,7 +55,7 @@ def test_the_sphere_against_exact_geodesics(update, bound):
 
 
 @pytest.mark.parametrize(("update", "levels"), [("spherical", (2, 3, 4, 5, 6)), ("planar", (4, 5, 6))])
-def test_distances_on_the_sphere_converge_in_the_first_order(update, levels):
+def test_distances_on_a_sphere_converge_at_first_order(update, levels):
     errors = []
     for subdivisions in levels:
         surface = sphere(subdivisions=subdivisions)
@@ -66,7 +66,7 @@ def test_distances_on_the_sphere_converge_in_the_first_order(update, levels):
 
 
 @pytest.mark.parametrize(("update", "bound"), [("spherical", 0.001), ("planar", PLANAR["torus"])])
-def test_the_torus_against_exact_geodesics(update, bound):
+def test_distances_on_a_torus_are_near_exact_geodesics(update, bound):
     surface = torus(columns=160, rows=100)
     sources = np.array([0, 4000, 8000, 12000])
     errors = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
@@ -74,7 +74,7 @@ def test_the_torus_against_exact_geodesics(update, bound):
 
 
 @pytest.mark.parametrize(("update", "bound"), [("spherical", SPHERICAL), ("planar", PLANAR["shrec11_simplified"])])
-def test_coarse_real_meshes_against_exact_geodesics(labelled, update, bound):
+def test_distances_on_coarse_real_meshes_are_near_exact_geodesics(labelled, update, bound):
     errors = []
     for path, _ in labelled("shrec11_simplified")[::16]:
         surface = read_mesh(path)
@@ -93,7 +93,7 @@ def test_coarse_real_meshes_against_exact_geodesics(labelled, update, bound):
         "single/human_man.obj", "single/bunny.obj", "single/armadillo.obj",
     ],
 )  # fmt: skip
-def test_real_meshes_against_exact_geodesics(shared_data, name, update):
+def test_distances_on_real_meshes_are_near_exact_geodesics(shared_data, name, update):
     surface = read_mesh(shared_data / name)
     sources = np.linspace(0, len(surface.vertices) - 1, 4).astype(int)
     error = mean_relative_error(geodesic_distances(surface, sources, update=update), exact_distances(surface, sources))
@@ -101,7 +101,7 @@ def test_real_meshes_against_exact_geodesics(shared_data, name, update):
 
 
 @pytest.mark.parametrize("name", ["teapot", "suzanne", "beetle", "cow", "human_neutral", "truck"])
-def test_messy_real_meshes_give_finite_distances_on_the_kept_component(shared_data, name):
+def test_damaged_real_meshes_have_finite_distances_on_the_kept_component(shared_data, name):
     surface = read_mesh(shared_data / "dirty" / f"{name}.obj")
     used = np.unique(surface.faces)
     distances = geodesic_distances(surface, used[0])[0]
@@ -112,7 +112,7 @@ def test_messy_real_meshes_give_finite_distances_on_the_kept_component(shared_da
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
-def test_on_crumpled_sheets_no_edge_is_outrun_and_distances_are_near_exact_ones(seed, source):
+def test_distances_on_crumpled_sheets_respect_edges_and_are_near_exact(seed, source):
     rng = np.random.default_rng(seed)
     flat = grid(6, 5)
     surface = Surface(flat.vertices + rng.normal(0, 0.2, flat.vertices.shape), flat.faces)
@@ -122,15 +122,15 @@ def test_on_crumpled_sheets_no_edge_is_outrun_and_distances_are_near_exact_ones(
     lengths = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
     assert (np.abs(distances[a] - distances[b]) <= lengths + SINGLE_PRECISION * distances.max()).all()
     assert distances[source] == 0
-    # A virtual source assumes a round front, and fronts are not round behind a ridge. On sheets as crumpled as these
-    # single distances have errors of a tenth or more, but the mean error is a fraction of a percent.
+    # A virtual source assumes a round front, but fronts are not round after they cross a ridge. On such sheets single
+    # distances have errors of a tenth or more, while the mean error is usually a fraction of a percent.
     exact = exact_distances(surface, np.array([source]))
     assert mean_relative_error(distances[None], exact) < 0.06
     assert (np.delete(distances, source) > 0.8 * np.delete(exact[0], source)).all()
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_relabelling_and_moving_the_mesh_changes_nothing(seed):
+def test_distances_do_not_depend_on_numbering_position_or_scale(seed):
     rng = np.random.default_rng(seed)
     surface = sphere(subdivisions=1)
     order = rng.permutation(len(surface.vertices))
@@ -143,7 +143,7 @@ def test_relabelling_and_moving_the_mesh_changes_nothing(seed):
     )
 
 
-def test_the_result_does_not_depend_on_the_number_of_threads():
+def test_the_number_of_threads_does_not_change_distances():
     surface = torus(columns=30, rows=20)
     samples = np.arange(0, 600, 7)
     one = geodesic_matrix(surface, samples, threads=1)
@@ -151,7 +151,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads():
         np.testing.assert_array_equal(geodesic_matrix(surface, samples, threads=threads), one)
 
 
-def test_the_matrix_is_symmetric_and_its_asymmetry_is_told():
+def test_the_matrix_is_symmetric_and_its_asymmetry_is_reported():
     surface = torus(columns=30, rows=20)
     samples = np.arange(0, 600, 7, dtype=np.int32)
     matrix = geodesic_matrix(surface, samples)
@@ -163,7 +163,7 @@ def test_the_matrix_is_symmetric_and_its_asymmetry_is_told():
     assert 0 < asymmetry < 0.05
 
 
-def test_two_components_are_infinitely_far_apart_and_lonely_vertices_keep_their_index():
+def test_distances_to_other_components_and_isolated_vertices_are_infinite():
     one = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     surface = Surface([[7, 7, 7], *one, [9, 9, 9], *(np.array(one) + 5)], [[1, 2, 3], [5, 6, 7]])
     distances = geodesic_distances(surface, [1, 0])
@@ -171,7 +171,7 @@ def test_two_components_are_infinitely_far_apart_and_lonely_vertices_keep_their_
     np.testing.assert_allclose(distances[1], [0] + [np.inf] * 7)
 
 
-def test_degenerate_and_duplicate_triangles_and_nonmanifold_edges_do_no_harm():
+def test_degenerate_faces_and_non_manifold_edges_do_not_change_distances():
     flat = grid(4, 4)
     fin = [*flat.vertices, [2, 2, 3.0], [2.5, 2.5, 0.0], flat.vertices[12]]
     faces = [*flat.faces, flat.faces[3], [12, 13, 25], [12, 18, 26], [12, 27, 13]]

@@ -1,4 +1,4 @@
-"""The intrinsic triangulation: the same surface in rounder triangles, and accurate distances on stretched ones."""
+"""The intrinsic triangulation: it keeps the surface, and gives accurate distances on stretched meshes."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ def crumpled(seed: int, size: float = 0.3) -> Surface:
     "surface",
     [crumpled(1), crumpled(2), torus(columns=9, rows=6), grid(9, 7, 2.5), *cad_models().values(), height_map(30)],
 )
-def test_it_is_a_triangulation_of_the_same_surface(surface):
+def test_the_intrinsic_triangulation_keeps_area_angles_and_topology(surface):
     before, after = half_edges_of(surface, surface.scale), triangulated(surface)
     count = len(surface.vertices)
     assert area_of(after) == pytest.approx(area_of(before), rel=1e-9)
     sums = angle_sums(after)
     np.testing.assert_allclose(sums[:count], angle_sums(before), atol=1e-5)
-    steiner = sums[count:]  # flat: inside, or on a boundary
+    steiner = sums[count:]  # the surface is flat at Steiner points, inside or on a boundary
     assert (np.isclose(steiner, 2 * np.pi, atol=1e-5) | np.isclose(steiner, np.pi, atol=1e-5)).all()
     edges = (len(after.twins) + (after.twins < 0).sum()) / 2
     given_edges = (len(before.twins) + (before.twins < 0).sum()) / 2
@@ -62,7 +62,7 @@ def test_it_is_a_triangulation_of_the_same_surface(surface):
 
 
 @pytest.mark.parametrize("surface", [crumpled(3), grid(9, 7, 2.5), *cad_models().values(), height_map(100)])
-def test_half_edges_fit_together(surface):
+def test_half_edges_are_consistent(surface):
     mesh = triangulated(surface)
     inner = np.flatnonzero(mesh.twins >= 0)
     np.testing.assert_array_equal(mesh.twins[mesh.twins[inner]], inner)
@@ -72,15 +72,15 @@ def test_half_edges_fit_together(surface):
 
 
 @pytest.mark.parametrize("surface", [crumpled(4), grid(9, 7, 2.5), height_map(10)])
-def test_every_edge_is_delaunay(surface):
+def test_every_edge_that_can_be_flipped_is_delaunay(surface):
     mesh = triangulated(surface)
     angles = angles_of(mesh).ravel()
     inner = np.flatnonzero(mesh.free)
-    ends = mesh.faces.ravel()[inner] != mesh.faces.ravel()[mesh.twins[inner]]  # no flip would join a vertex to itself
+    ends = mesh.faces.ravel()[inner] != mesh.faces.ravel()[mesh.twins[inner]]  # edges that a flip would make loops stay
     assert (angles[inner] + angles[mesh.twins[inner]] <= np.pi + 1e-4)[ends].all()
 
 
-def test_good_triangles_are_left_as_they_are():
+def test_good_triangles_are_not_changed():
     for surface in (sphere(subdivisions=3), grid(8, 8)):
         given_mesh = half_edges_of(surface, surface.scale)
         assert intrinsic_triangulation(given_mesh).half_edges is given_mesh
@@ -88,15 +88,15 @@ def test_good_triangles_are_left_as_they_are():
 
 @given(defective())
 @settings(max_examples=60)
-def test_any_repaired_mesh_has_one_with_lengths_that_are_triangles(mesh):
+def test_every_repaired_mesh_has_a_valid_intrinsic_triangulation(mesh):
     try:
         stencils = stencils_of(repair(mesh.vertices, mesh.faces))
-    except MeshError:  # one is that edges are too long for single precision
+    except MeshError:  # for example, edges too long for single precision
         return
     faces, twins, lengths = stencils.triangles[:3]
     sides = np.sort(lengths.reshape(-1, 3), axis=1)
     assert np.isfinite(sides).all()
-    # A flip takes the root of a difference of squares, so a short edge between long ones has their rounding error.
+    # A flip takes the square root of a difference of squares, so short edges inherit the rounding error of long ones.
     rounding = 64 * np.finfo(float).eps * lengths.max() ** 2 / sides[:, 2]
     assert (sides[:, 0] + sides[:, 1] >= sides[:, 2] * (1 - 1e-6) - rounding).all()
     assert (lengths[twins[twins >= 0]] == lengths[twins >= 0]).all()
@@ -104,13 +104,13 @@ def test_any_repaired_mesh_has_one_with_lengths_that_are_triangles(mesh):
 
 
 @pytest.mark.parametrize("surface", [sphere(subdivisions=1), *[cad_models()[name] for name in ("box", "plate")]])
-def test_surfaces_of_few_triangles_are_exact(surface):
+def test_distances_on_surfaces_of_few_triangles_are_exact(surface):
     every = np.arange(len(surface.vertices))
     exact = exact_distances(surface, every)
     np.testing.assert_allclose(geodesic_distances(surface, every), exact, rtol=0.01, atol=1e-6 * surface.extent)
 
 
-def test_what_lies_around_the_source_is_exact():
+def test_distances_near_the_source_are_exact():
     surface = crumpled(5, 0.1)
     exact = exact_distances(surface, np.arange(4))
     near = exact < 0.5
@@ -118,7 +118,7 @@ def test_what_lies_around_the_source_is_exact():
 
 
 @pytest.mark.parametrize("slope", [1, 3, 10, 30, 100])
-def test_steep_height_maps(slope):
+def test_distances_on_steep_height_maps_are_near_exact(slope):
     surface = height_map(slope)
     sources = np.linspace(0, len(surface.vertices) - 1, 8).astype(int)
     exact = exact_distances(surface, sources)
@@ -126,14 +126,14 @@ def test_steep_height_maps(slope):
     assert mean_relative_error(geodesic_distances(surface, sources, update="planar"), exact) < 0.03
 
 
-def test_the_height_map_that_was_wrong_by_half():
+def test_the_height_map_that_once_had_half_the_distance_is_near_exact():
     surface = read_mesh(Path(__file__).parent / "cases" / "geo_steep_heightmap.obj")
     exact = exact_distances(surface, np.array([312]))
     assert mean_relative_error(geodesic_distances(surface, 312), exact) < 0.005
 
 
 @pytest.mark.parametrize("name", list(cad_models()))
-def test_cad_models(name):
+def test_distances_on_cad_models_are_near_exact(name):
     surface = cad_models()[name]
     sources = np.unique(np.linspace(0, len(surface.vertices) - 1, 8).astype(int))
     exact, distances = exact_distances(surface, sources), geodesic_distances(surface, sources)
@@ -143,14 +143,14 @@ def test_cad_models(name):
     assert errors.max() < 0.08
 
 
-def test_distances_do_not_depend_on_how_a_stretched_sheet_is_cut():
+def test_distances_on_a_stretched_flat_sheet_are_near_straight_lines():
     surface = grid(40, 20)
     stretched = Surface(surface.vertices * [1, 50, 1], surface.faces)
     exact = np.linalg.norm(stretched.vertices - stretched.vertices[0], axis=1)
     assert mean_relative_error(geodesic_distances(stretched, 0)[0], exact) < 1e-3
 
 
-def test_steiner_points_are_not_seen():
+def test_results_do_not_contain_steiner_points():
     surface = cad_models()["disc"]
     count = len(surface.vertices)
     assert triangulated(surface).vertex_count > count
@@ -159,7 +159,7 @@ def test_steiner_points_are_not_seen():
 
 
 @pytest.mark.parametrize("folder", ["tosca5k", "faust5k"])
-def test_largest_errors_on_real_meshes(shared_data, folder):
+def test_mean_and_largest_errors_on_real_meshes_are_bounded(shared_data, folder):
     largest, means = [], []
     for path in sorted((shared_data / folder).glob("*.off"))[::9]:
         surface = read_mesh(path)

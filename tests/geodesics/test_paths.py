@@ -1,4 +1,4 @@
-"""Minimal geodesics against known answers: flat sheets, unrolled surfaces, exact geodesics; and on messy meshes."""
+"""Shortest paths compared with known results (flat and unrolled surfaces, exact geodesics), and on damaged meshes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def box(cells: int, sides: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Surface:
-    """A closed box of `cells` by `cells` squares on each side."""
+    """Return a closed box with `cells` by `cells` squares on each side."""
     flat = grid(cells, cells)
     u = 2 * flat.vertices / cells - 1
     turns = [
@@ -58,7 +58,7 @@ def check_path(surface: Surface, source: int, target: int) -> np.ndarray:
 
 @pytest.mark.parametrize("shear", [0.0, 0.5, 1.5, -4.0])
 @pytest.mark.parametrize(("source", "target"), [(0, 335), (20, 315), (45, 297), (30, 31), (21, 41), (105, 216)])
-def test_on_a_flat_sheet_the_path_is_the_straight_line(shear, source, target):
+def test_paths_on_a_flat_sheet_are_straight_lines(shear, source, target):
     surface = grid(20, 15, shear)  # a parallelogram, which is convex
     path = check_path(surface, source, target)
     straight = path[-1] - path[0]
@@ -69,20 +69,20 @@ def test_on_a_flat_sheet_the_path_is_the_straight_line(shear, source, target):
 
 @pytest.mark.parametrize("cells", [1, 2, 7])
 @pytest.mark.parametrize("sides", [(1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (5.0, 1.0, 1.0)])
-def test_the_path_between_opposite_corners_of_a_box_is_the_straight_line_of_its_best_net(cells, sides):
+def test_the_path_between_opposite_corners_of_a_box_has_the_known_length(cells, sides):
     surface = box(cells, sides)
     ends = np.flatnonzero(np.abs(np.abs(surface.vertices) - np.array(sides) / 2).max(axis=1) < 1e-9)
     source = ends[0]
     target = next(end for end in ends if np.allclose(surface.vertices[end], -surface.vertices[source]))
     a, b, c = sorted(sides)
-    # Over two sides: sqrt((a + b)^2 + c^2) is the shortest of three nets.
+    # The path crosses two sides; sqrt((a + b)^2 + c^2) is the shortest of the three nets.
     assert length(check_path(surface, source, target)) == pytest.approx(math.hypot(a + b, c), rel=1e-12)
 
 
-def test_on_a_cylinder_the_path_is_the_straight_line_of_the_unrolled_prism():
+def test_paths_on_a_cylinder_are_straight_lines_of_the_unrolled_prism():
     columns, rows, turn, width, height = 30, 10, 1.7 * math.pi, 3.0, 2.0
     surface = cylinder(turn, width=width, height=height, columns=columns, rows=rows)
-    side = 2 * (width / turn) * math.sin(turn / columns / 2)  # of the prism that the mesh is
+    side = 2 * (width / turn) * math.sin(turn / columns / 2)  # the mesh is a prism with this side
     for source, target in ((0, 340), (31, 309), (5, 329), (310, 30)):
         across, up = abs(target % 31 - source % 31), abs(target // 31 - source // 31)
         expected = math.hypot(across * side, up * height / rows)
@@ -90,16 +90,16 @@ def test_on_a_cylinder_the_path_is_the_straight_line_of_the_unrolled_prism():
 
 
 @pytest.mark.parametrize("inner", [0.0, 0.3])
-def test_on_a_cone_the_path_is_straight_in_the_unrolled_sector_or_goes_through_the_apex_or_along_the_rim(inner):
+def test_paths_on_a_cone_have_the_length_in_the_unrolled_sector(inner):
     segments, rings, sector = 24, 6, 1.5 * math.pi
     surface = cone(sector, 1.0, inner=inner, rings=rings, segments=segments)
     first = np.linalg.norm(surface.vertices[-1] - surface.vertices[-2])
-    step = 2 * math.asin(first / 2)  # angle of a segment's triangle at the apex, of sides 1
+    step = 2 * math.asin(first / 2)  # angle at the apex of a segment, whose sides have length 1
     size = len(surface.vertices)
     for across in (3, 12, 20, 24):
         path = check_path(surface, size - 1 - segments, size - 1 - segments + across)
         angle = across * step
-        # The hole bends the path where the chord would cross it, and the apex where the angle exceeds a half turn.
+        # The chord is the path unless it crosses the hole, or the angle exceeds a half turn.
         if angle < math.pi and math.cos(angle / 2) >= inner:
             assert length(path) == pytest.approx(2 * math.sin(angle / 2), rel=1e-12)
         elif inner == 0:
@@ -110,23 +110,23 @@ def test_on_a_cone_the_path_is_straight_in_the_unrolled_sector_or_goes_through_t
             assert length(path) == pytest.approx(2 * tangent + around, rel=0.005)  # the rim is a polygon
 
 
-def test_great_circles_are_approached_at_second_order():
+def test_path_lengths_on_a_sphere_converge_at_second_order():
     errors = []
     for subdivisions in (2, 3, 4):
         surface = sphere(subdivisions)
         field = geodesic_distances(surface, 0)[0]
-        targets = np.arange(1, 42)  # the same points on every sphere
+        targets = np.arange(1, 42)  # these vertices are at the same points on every sphere
         lengths = path_lengths(strip_mesh(surface), field, 0, targets)
         arcs = np.arccos(np.clip(surface.vertices[targets] @ surface.vertices[0], -1, 1))
         errors.append(np.abs(lengths / arcs - 1).mean())
     assert errors[0] > 3 * errors[1] > 9 * errors[2]
 
 
-def test_at_a_reflex_corner_the_path_bends_and_only_there():
+def test_a_path_around_a_reflex_corner_bends_only_there():
     surface = grid(12, 12)
     middle = surface.vertices[surface.faces].mean(axis=1)
     sheet = Surface(surface.vertices, surface.faces[~((middle[:, 0] > 5) & (middle[:, 1] > 4))])
-    path = check_path(sheet, 12 + 13 * 2, 2 + 13 * 12)  # from (12, 2) to (2, 12), the corner being (5, 4)
+    path = check_path(sheet, 12 + 13 * 2, 2 + 13 * 12)  # from (12, 2) to (2, 12), around the corner (5, 4)
     assert length(path) == pytest.approx(math.hypot(7, 2) + math.hypot(3, 8), rel=1e-12)
     assert np.linalg.norm(path - [5, 4, 0], axis=1).min() == 0
     steps = np.diff(path, axis=0)
@@ -134,16 +134,16 @@ def test_at_a_reflex_corner_the_path_bends_and_only_there():
     assert (np.linalg.norm(np.diff(directions, axis=0), axis=1) > 1e-9).sum() == 1
 
 
-def test_around_a_spire_the_path_goes_not_over_it():
+def test_a_path_goes_around_a_spire_and_not_over_it():
     flat = grid(10, 10)
-    height = np.where(np.arange(121) == 60, 50.0, 0.0)  # the vertex in the middle is lifted
+    height = np.where(np.arange(121) == 60, 50.0, 0.0)  # lifts the vertex in the middle
     surface = Surface(flat.vertices + height[:, None] * [0, 0, 1], flat.faces)
-    path = check_path(surface, 5, 115)  # straight over it if it were flat
+    path = check_path(surface, 5, 115)  # on the flat sheet, the path goes through that vertex
     assert path[:, 2].max() < 1
     assert length(path) == pytest.approx(exact_distances(surface, np.array([5]))[0, 115], rel=1e-9)
 
 
-def test_coarse_real_meshes_against_exact_geodesics(labelled):
+def test_paths_on_coarse_real_meshes_are_near_exact_geodesics(labelled):
     errors = []
     for number, (file, _) in enumerate(labelled("shrec11_simplified")[::60]):
         surface = read_mesh(file)
@@ -158,7 +158,7 @@ def test_coarse_real_meshes_against_exact_geodesics(labelled):
 
 
 @pytest.mark.parametrize("name", ["tosca5k/cat0.off", "single/human_man.obj"])
-def test_dense_real_meshes_against_exact_geodesics(shared_data, name):
+def test_paths_on_dense_real_meshes_are_near_exact_geodesics(shared_data, name):
     surface = read_mesh(shared_data / name)
     source, *targets = np.random.default_rng(0).choice(len(surface.vertices), 7, replace=False)
     exact = exact_distances(surface, np.array([source]))[0, targets]
@@ -170,7 +170,7 @@ def test_dense_real_meshes_against_exact_geodesics(shared_data, name):
     assert max(distance_from_surface(surface, path) for path in paths) < 1e-12 * surface.vertices.max()
 
 
-def test_path_lengths_are_much_nearer_to_the_exact_distances_than_the_field_and_never_below(labelled):
+def test_path_lengths_are_more_accurate_than_the_distances_and_never_too_short(labelled):
     for file, _ in labelled("shrec11_simplified")[::240]:
         surface = read_mesh(file)
         every = np.arange(len(surface.vertices))
@@ -183,7 +183,7 @@ def test_path_lengths_are_much_nearer_to_the_exact_distances_than_the_field_and_
 
 
 @pytest.mark.parametrize("name", ["teapot", "suzanne", "beetle", "cow", "human_neutral", "truck"])
-def test_messy_real_meshes(shared_data, name):
+def test_paths_on_damaged_real_meshes_are_valid(shared_data, name):
     surface = read_mesh(shared_data / "dirty" / f"{name}.obj")
     reached = np.flatnonzero(np.isfinite(geodesic_distances(surface, surface.used_vertices[0])[0]))
     rng = np.random.default_rng(0)
@@ -193,7 +193,7 @@ def test_messy_real_meshes(shared_data, name):
 
 @given(seeds, st.floats(0.05, 0.6))
 @settings(max_examples=60)
-def test_on_crumpled_sheets_paths_are_never_shorter_than_exact_ones_and_seldom_longer(seed, rough):
+def test_paths_on_crumpled_sheets_are_rarely_longer_than_exact_ones(seed, rough):
     rng = np.random.default_rng(seed)
     flat = grid(7, 5)
     surface = Surface(flat.vertices + rng.normal(0, rough, flat.vertices.shape), flat.faces)
@@ -207,15 +207,15 @@ def test_on_crumpled_sheets_paths_are_never_shorter_than_exact_ones_and_seldom_l
 
 
 @given(seeds, st.integers(4, 12), st.integers(1, 30), st.sampled_from([0.0, 1e-14, 1e-11, 1e-8, 1.0]))
-def test_on_any_heap_of_triangles_paths_stay_on_the_surface(seed, vertices, faces, noise):
+def test_paths_on_random_triangles_stay_on_the_surface(seed, vertices, faces, noise):
     rng = np.random.default_rng(seed)
-    # On a lattice so small many vertices coincide, or nearly so.
+    # On this small lattice many vertices coincide or nearly coincide.
     points = rng.integers(0, 3, (vertices, 3)) + noise * rng.normal(size=(vertices, 3))
-    surface = Surface(points, rng.integers(0, vertices, (faces, 3)))  # faces that repeat a vertex or another face
+    surface = Surface(points, rng.integers(0, vertices, (faces, 3)))  # some faces repeat a vertex or another face
     source = surface.faces[0, 0]
     try:
         field = geodesic_distances(surface, source)[0]
-    except MeshGeometryError:  # edges too different for single precision
+    except MeshGeometryError:  # the edge lengths exceed the range of single precision
         reject()
     lengths = path_lengths(strip_mesh(surface), field, source, np.arange(vertices))
     np.testing.assert_array_equal(np.isfinite(lengths), np.isfinite(field))
@@ -228,7 +228,7 @@ def test_on_any_heap_of_triangles_paths_stay_on_the_surface(seed, vertices, face
 
 @given(seeds)
 @settings(max_examples=60)
-def test_scale_place_numbering_and_orientation_do_not_matter(seed):
+def test_path_lengths_do_not_depend_on_scale_position_numbering_or_orientation(seed):
     rng = np.random.default_rng(seed)
     flat = grid(6, 6)
     surface = Surface(flat.vertices + rng.normal(0, 0.3, flat.vertices.shape), flat.faces)
@@ -244,7 +244,7 @@ def test_scale_place_numbering_and_orientation_do_not_matter(seed):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_field_with_faults_still_leads_to_the_source(seed):
+def test_paths_reach_the_source_on_disturbed_distances(seed):
     rng = np.random.default_rng(seed)
     flat = grid(7, 5)
     surface = Surface(flat.vertices + rng.normal(0, rng.uniform(0, 1), flat.vertices.shape), flat.faces)
@@ -252,16 +252,16 @@ def test_a_field_with_faults_still_leads_to_the_source(seed):
     exact = exact_distances(surface, np.array([0]))[0, 1:]
     ratios = []
     for fault in rng.uniform(0.1, 3, 20):
-        spoilt = field + rng.uniform(0, fault, len(field)) * (field > 0)  # with minima that are not the source
+        spoilt = field + rng.uniform(0, fault, len(field)) * (field > 0)  # adds local minima
         lengths = path_lengths(mesh, spoilt, 0, targets)
         assert (lengths >= exact * (1 - 1e-9)).all()
-        assert (lengths != spoilt[targets]).all()  # every walk arrived
+        assert (lengths != spoilt[targets]).all()  # no path fell back to the given distance
         ratios.append(np.median(lengths / exact))
     assert np.mean(ratios) < 1.001
 
 
 @pytest.mark.parametrize("field", [np.zeros(96), np.ones(96), np.arange(96.0), np.arange(96.0)[::-1]])
-def test_no_field_is_so_wrong_that_a_walk_down_it_would_not_end(field):
+def test_paths_end_on_arbitrary_distances(field):
     surface = torus(columns=12, rows=8)
     lengths = path_lengths(strip_mesh(surface), field, 0, np.arange(96))
     exact = exact_distances(surface, np.array([0]))[0]
@@ -269,7 +269,7 @@ def test_no_field_is_so_wrong_that_a_walk_down_it_would_not_end(field):
     assert np.isfinite(lengths).all()
 
 
-def test_paths_cross_edges_where_three_faces_meet_and_bridges_of_faces_without_area():
+def test_paths_cross_non_manifold_edges_and_degenerate_faces():
     wings = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0], [0.5, -0.5, 1]]
     three = Surface(wings, [[0, 1, 2], [1, 0, 3], [0, 1, 4]])
     assert length(check_path(three, 2, 3)) == pytest.approx(2)
@@ -278,7 +278,7 @@ def test_paths_cross_edges_where_three_faces_meet_and_bridges_of_faces_without_a
     assert length(check_path(bridge, 0, 4)) == pytest.approx(4)
 
 
-def test_paths_pass_vertices_that_coincide():
+def test_paths_pass_coincident_vertices():
     surface = Surface(
         [[0, 0, 0], [2, 0, 0], [1, 1, 0], [1, 1, 0], [1, 1, 0], [0, 2, 0], [2, 2, 0]],
         [[0, 1, 2], [1, 3, 2], [1, 4, 3], [1, 6, 4], [6, 5, 4], [5, 3, 4]],
@@ -287,7 +287,7 @@ def test_paths_pass_vertices_that_coincide():
     np.testing.assert_array_equal(geodesic_path(surface, 2, 4), [[1, 1, 0], [1, 1, 0]])
 
 
-def test_neighbours_are_joined_by_their_edge_and_a_vertex_with_itself_by_a_point():
+def test_the_path_between_neighbours_is_their_edge():
     surface = sphere(2)
     for start, end in surface.faces[:20, :2]:
         np.testing.assert_array_equal(geodesic_path(surface, start, end), surface.vertices[[start, end]])

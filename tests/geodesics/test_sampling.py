@@ -17,7 +17,7 @@ FARTHEST = 1 - SAMPLING_TIE - 1e-6
 
 
 def shares_of_the_farthest(surface: Surface, samples: np.ndarray) -> np.ndarray:
-    """Distance of each sample from those before it, without the first, as a share of the farthest vertex's distance."""
+    """Return each later sample's distance from the previous samples, as a share of the farthest vertex's distance."""
     nearest = np.minimum.accumulate(geodesic_distances(surface, samples)[:, surface.used_vertices])
     place = np.searchsorted(surface.used_vertices, samples)
     farthest = np.where(np.isfinite(nearest), nearest, 0).max(axis=1)
@@ -30,7 +30,7 @@ def crumpled(seed: int) -> Surface:
 
 
 @pytest.mark.parametrize("surface", [torus(columns=24, rows=16), sphere(subdivisions=3), *map(crumpled, range(5))])
-def test_each_sample_is_the_farthest_from_those_before_but_for_ties(surface):
+def test_each_sample_is_the_farthest_from_the_previous_ones_up_to_ties(surface):
     samples = farthest_point_sampling(surface, 60, start=5)
     assert samples[0] == 5
     assert shares_of_the_farthest(surface, samples).min() > FARTHEST
@@ -44,7 +44,7 @@ def test_each_sample_is_the_farthest_on_real_meshes(shared_data, name):
     assert shares_of_the_farthest(surface, farthest_point_sampling(surface, 100)).min() > FARTHEST
 
 
-def test_the_cells_are_those_of_the_nearest_sample():
+def test_each_vertex_is_in_the_cell_of_its_nearest_sample():
     surface = sphere(subdivisions=3)
     sampling = sample_farthest(surface, stencils_of(surface), 12)
     rows = geodesic_distances(surface, sampling.samples)
@@ -54,13 +54,13 @@ def test_the_cells_are_those_of_the_nearest_sample():
     np.testing.assert_array_equal(sampling.nearest[sampling.samples], np.arange(12))
 
 
-def test_all_vertices_can_be_taken_each_once():
+def test_sampling_all_vertices_takes_each_once():
     surface = sphere(subdivisions=1)
     samples = farthest_point_sampling(surface, len(surface.vertices))
     np.testing.assert_array_equal(np.sort(samples), np.arange(len(surface.vertices)))
 
 
-def test_the_default_start_is_an_end_of_the_surface_and_always_the_same():
+def test_the_default_start_is_deterministic_and_at_an_end_of_the_surface():
     surface = grid(30, 3)
     corners = {0, 30, 3 * 31, 4 * 31 - 1}
     first = farthest_point_sampling(surface, 2)

@@ -19,8 +19,8 @@ def at(radius: float, degrees: float) -> np.ndarray:
     st.floats(91.0, 175.0), st.floats(0.2, 0.8), st.floats(0.2, 2.0), st.floats(0.2, 2.0), st.floats(0.3, 3.0),
     st.floats(0.0, 2.0),
 )  # fmt: skip
-def test_at_an_obtuse_corner_the_front_may_come_along_the_edge_that_divides_it(slot, angle, share, near, far, p, time):
-    """Kimmel & Sethian unfold the corner C until an edge CP divides it; a front that starts at P goes along CP."""
+def test_the_update_at_an_obtuse_corner_uses_the_edge_that_divides_it(slot, angle, share, near, far, p, time):
+    """Kimmel & Sethian unfold an obtuse corner C until an edge CP divides it; a front from P runs along CP."""
     a, b, middle = at(near, 0.0), at(far, angle), at(p, share * angle)
     ends = time + np.array([np.linalg.norm(a - middle), np.linalg.norm(b - middle), 0.0])
     numbers = np.array([*ends, a[0], b[0], b[1], *middle], np.float32)

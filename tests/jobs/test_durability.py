@@ -1,4 +1,4 @@
-"""What the runner tells of jobs, and leaves of them, where transactions are undone and servers stop."""
+"""Jobs and their observers when transactions are rolled back and when servers stop."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ REQUEST = ShapeRequest("a mesh")
 PATIENCE = 120.0
 
 
-class Told(NoObserver):
-    """Keeps what it is told, in order."""
+class Recorder(NoObserver):
+    """Records the calls of the runner in order."""
 
     def __init__(self) -> None:
         self.events: list[tuple[str, str]] = []
@@ -41,7 +41,7 @@ class Told(NoObserver):
 
 
 def fill(connection: Connection) -> None:
-    """Store more than the database may have: SQLite then undoes the whole transaction, as where a disk is full."""
+    """Exceed the size limit of the database: SQLite then rolls the whole transaction back, as on a full disk."""
     pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
     connection.exec_driver_sql(f"PRAGMA max_page_count = {pages + 4}")
     try:
@@ -50,22 +50,22 @@ def fill(connection: Connection) -> None:
         connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
 
 
-def test_each_job_is_told_once_in_order_also_where_its_transaction_was_undone(tmp_path):
-    told = Told()
+def test_each_event_of_a_job_is_observed_once_although_its_transaction_was_rolled_back(tmp_path, caplog):
+    observer = Recorder()
 
     async def story(library: Library) -> list[str]:
-        runner = JobRunner(library, workers=1, observer=told)
+        runner = JobRunner(library, workers=1, observer=observer)
         await runner.start()
         async with asyncio.timeout(PATIENCE):
             with closing(sqlite3.connect(tmp_path / "library.db", isolation_level=None)) as other:
-                other.execute("BEGIN IMMEDIATE")  # so that all of these wait, and share a transaction
+                other.execute("BEGIN IMMEDIATE")  # so that the following changes wait, and share a transaction
                 first = asyncio.wrap_future(library.store.submit(lambda _: None))
                 sent = [
                     asyncio.create_task(runner.submit_shape(Upload(small_mesh(number), "ply", FEW), REQUEST))
                     for number in range(3)
                 ]
+                await asyncio.sleep(0)  # each task submits its change
                 full = asyncio.wrap_future(library.store.submit(fill))
-                await asyncio.sleep(0)
                 other.execute("ROLLBACK")
             await first
             with pytest.raises(StoreFullError):
@@ -78,31 +78,44 @@ def test_each_job_is_told_once_in_order_also_where_its_transaction_was_undone(tm
 
     with Library(str(tmp_path / "library.db")) as library:
         jobs = asyncio.run(story(library))
-    assert {job_id for _, job_id in told.events} == set(jobs)  # and none that there never was
+    # The changes of the jobs had run in the transaction that was rolled back.
+    assert any("rolled back" in record.msg and record.args[0] > len(jobs) for record in caplog.records)
+    assert {job_id for _, job_id in observer.events} == set(jobs)  # no job that was rolled back
     for job_id in jobs:
-        assert [event for event, of in told.events if of == job_id] == ["submitted", "begun", "ended"]
+        assert [event for event, of in observer.events if of == job_id] == ["submitted", "begun", "ended"]
 
 
-def test_a_job_whose_claim_is_under_way_when_the_server_stops_is_put_back_at_no_cost(tmp_path):
+def test_a_job_that_is_claimed_while_the_server_stops_is_requeued_without_an_attempt(tmp_path, monkeypatch):
+    claimed: list[JobRecord | None] = []
+    claim = job_rows.claim
+
+    def recorded_claim(connection: Connection) -> JobRecord | None:
+        claimed.append(claim(connection))
+        return claimed[-1]
+
+    monkeypatch.setattr(job_rows, "claim", recorded_claim)
+
     async def story(library: Library, job_id: str) -> JobRecord:
         runner = JobRunner(library, workers=1, limits=JobLimits(drain_seconds=0.0))
         async with asyncio.timeout(PATIENCE):
             await runner.start()
             with closing(sqlite3.connect(tmp_path / "library.db", isolation_level=None)) as other:
-                other.execute("BEGIN IMMEDIATE")  # before the runner's first claim, which waits from here on
+                other.execute("BEGIN IMMEDIATE")  # the first claim of the runner waits for this lock
                 await asyncio.sleep(0.3)
                 stopping = asyncio.create_task(runner.stop())
                 await asyncio.sleep(0.1)
+                assert claimed == []
                 other.execute("ROLLBACK")
-            await stopping
+                await stopping
         with library.store.read() as connection:
             return job_rows.get_job(connection, job_id)
 
     with Library(str(tmp_path / "library.db")) as library:
         data = small_mesh(0)
-        key = Upload(data, "off", FEW).key
+        key = Upload(data, "ply", FEW).key
         with library.store.write() as connection:
             put_mesh(connection, key.sha256, data)
             job = job_rows.enqueue(connection, key=key, file_type="ply", request=REQUEST)
         left = asyncio.run(story(library, job.id))
+    assert [job and job.id for job in claimed] == [left.id]
     assert (left.state, left.attempts, left.restarts) == ("queued", 0, 0)

@@ -1,4 +1,4 @@
-"""A worker process: what it returns, raises and tells, and what becomes of it when it dies or is killed."""
+"""A worker process: its results, errors and messages, and its replacement when it dies or is killed."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ def raise_ours(name: str) -> None:
     raise ParameterError(f"{name} is wrong")
 
 
-def raise_what_does_not_travel() -> None:
+def raise_unpicklable() -> None:
     class LocalError(Exception):
         pass
 
-    raise LocalError("of this process alone")
+    raise LocalError("cannot be pickled")
 
 
-def return_what_does_not_travel() -> threading.Lock:
+def return_unpicklable() -> threading.Lock:
     return threading.Lock()
 
 
-def count_aloud(most: int) -> int:
+def send_numbers(most: int) -> int:
     for number in range(most):
         send_message(number)
     return os.getpid()
@@ -56,22 +56,22 @@ def killed_after(seconds: float, worker: WorkerProcess) -> threading.Timer:
     return timer
 
 
-def test_it_returns_raises_and_tells(worker):
+def test_a_worker_returns_results_raises_errors_and_sends_messages(worker):
     heard: list[int] = []
-    pid = worker.run(count_aloud, (5,), heard.append)
+    pid = worker.run(send_numbers, (5,), heard.append)
     assert heard == [0, 1, 2, 3, 4]
     assert pid != os.getpid()
     assert worker.run(os.getpid, ()) == pid
     with pytest.raises(ParameterError, match="this is wrong") as caught:
         worker.run(raise_ours, ("this",))
-    assert "raise_ours" in "".join(caught.value.__notes__)  # where, for the log
+    assert "raise_ours" in "".join(caught.value.__notes__)  # the traceback of the worker, for the log
     assert str(caught.value) == "this is wrong"
     assert worker.run(np.arange, (LARGE // 8,)).nbytes == LARGE
     assert worker.run(os.getpid, ()) == pid
 
 
-@pytest.mark.parametrize("function", [raise_what_does_not_travel, return_what_does_not_travel])
-def test_what_does_not_travel_is_an_error_and_no_end(worker, function):
+@pytest.mark.parametrize("function", [raise_unpicklable, return_unpicklable])
+def test_a_result_that_cannot_be_pickled_is_an_error_and_the_worker_lives_on(worker, function):
     pid = worker.run(os.getpid, ())
     with pytest.raises(TypeError, match="cannot be sent"):
         worker.run(function, ())
@@ -79,7 +79,7 @@ def test_what_does_not_travel_is_an_error_and_no_end(worker, function):
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT])
-def test_one_that_dies_is_lost_and_another_takes_its_place(worker, number):
+def test_a_worker_that_dies_raises_an_error_and_is_replaced(worker, number):
     pid = worker.run(os.getpid, ())
     with pytest.raises(WorkerLostError):
         worker.run(signal.raise_signal, (number,))
@@ -87,13 +87,13 @@ def test_one_that_dies_is_lost_and_another_takes_its_place(worker, number):
     assert worker.run(os.getpid, ()) != pid
 
 
-def test_one_that_dies_with_nothing_to_do_is_nobodys_loss(worker):
+def test_an_idle_worker_that_dies_is_replaced_without_an_error(worker):
     pid = worker.run(os.getpid, ())
     os.kill(pid, signal.SIGKILL)
     assert worker.run(os.getpid, ()) != pid
 
 
-def test_killing_it_ends_what_it_does_at_once(worker):
+def test_killing_a_worker_ends_its_call_at_once(worker):
     pid = worker.run(os.getpid, ())
     worker.prepare()
     begun = time.monotonic()
@@ -105,13 +105,13 @@ def test_killing_it_ends_what_it_does_at_once(worker):
     assert not is_running(pid)
 
 
-def test_it_may_be_killed_in_the_middle_of_a_result(worker):
+def test_a_worker_can_be_killed_while_it_sends_a_result(worker):
     worker.prepare()
     pid, heard = worker.run(os.getpid, ()), []
 
     def stop_reading(news: int) -> None:
         heard.append(news)
-        time.sleep(0.5)  # what comes now does not fit into the pipe
+        time.sleep(0.5)  # meanwhile the worker sends a result that does not fit into the pipe
         os.kill(pid, signal.SIGKILL)
 
     with pytest.raises(WorkerLostError):
@@ -125,7 +125,7 @@ def tell_and_return(size: int) -> np.ndarray:
     return np.zeros(size // 8)
 
 
-def test_a_kill_before_it_begins_is_not_forgotten(worker):
+def test_a_kill_before_the_call_ends_the_call(worker):
     worker.prepare()
     worker.kill()
     with pytest.raises(WorkerLostError):
@@ -135,14 +135,14 @@ def test_a_kill_before_it_begins_is_not_forgotten(worker):
 
 
 def wait_for(path: Path) -> int:
-    """End when somebody has made a file: so that a test knows what a worker is doing, and it what the test wants."""
+    """Wait until the test creates a file, so that the test controls when the worker ends."""
     while not path.exists():
         time.sleep(0.01)
     return os.getpid()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_to_end_is_left_to_the_server(worker, tmp_path, number):
+def test_a_worker_ignores_termination_signals(worker, tmp_path, number):
     pid = worker.run(os.getpid, ())
     with ThreadPoolExecutor(1) as threads:
         running = threads.submit(worker.run, wait_for, (tmp_path / "go on",))
@@ -152,7 +152,7 @@ def test_a_signal_to_end_is_left_to_the_server(worker, tmp_path, number):
 
 
 def starting(worker: WorkerProcess, threads: ThreadPoolExecutor) -> tuple[Future[int], int]:
-    """A worker that was given a first function, and the process that starts for it."""
+    """Start a first call; return its future, and the id of the process that starts for it."""
     before = set(children(os.getpid()))
     running = threads.submit(worker.run, os.getpid, ())
     end = time.monotonic() + PATIENCE
@@ -167,7 +167,7 @@ def threads():
         yield executor
 
 
-def test_a_signal_to_end_is_left_to_the_server_while_a_worker_starts(threads):
+def test_a_starting_worker_ignores_termination_signals(threads):
     process = WorkerProcess(partial(limit_process, None))
     try:
         running, pid = starting(process, threads)
@@ -179,7 +179,7 @@ def test_a_signal_to_end_is_left_to_the_server_while_a_worker_starts(threads):
         process.end()
 
 
-def test_one_that_stands_still_with_nothing_to_do_is_replaced():
+def test_an_idle_worker_that_is_stopped_is_replaced():
     process = WorkerProcess(partial(limit_process, None), answer_seconds=0.5)
     try:
         pid = process.run(os.getpid, ())
@@ -190,7 +190,7 @@ def test_one_that_stands_still_with_nothing_to_do_is_replaced():
         process.end()
 
 
-def test_one_that_stands_still_while_it_starts_is_replaced(threads):
+def test_a_worker_that_is_stopped_while_it_starts_is_replaced(threads):
     process = WorkerProcess(partial(limit_process, None), silent_seconds=8.0)
     try:
         running, pid = starting(process, threads)
@@ -201,7 +201,7 @@ def test_one_that_stands_still_while_it_starts_is_replaced(threads):
         process.end()
 
 
-def test_one_that_takes_long_to_start_is_not_replaced(threads):
+def test_a_worker_that_starts_slowly_is_not_replaced(threads):
     process = WorkerProcess(partial(time.sleep, 10.0), silent_seconds=8.0)
     try:
         running, pid = starting(process, threads)

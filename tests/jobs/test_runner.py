@@ -1,4 +1,4 @@
-"""The job runner: real processes that compute, fail, are stopped and are killed."""
+"""The job runner with real worker processes, which compute, fail, are stopped and are killed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FEW = Parameters(samples=40)
 MANY = Parameters(samples=2000)
 READ = MeshPolicy()
 PATIENCE = 120.0
-"""Seconds that nothing here comes near, unless it hangs."""
+"""Timeout in seconds, which only a hanging test reaches."""
 
 ENDLESS = endless_mesh()
 LIMITS = JobLimits(drain_seconds=0.0)
@@ -42,7 +42,7 @@ async def submit(
 
 
 async def queue(runner: JobRunner, data: bytes, parameters: Parameters = FEW, **details: object) -> str:
-    """Submit a shape that is not there yet; return its job's id."""
+    """Submit a shape that is not stored yet; return the id of its job."""
     job = await submit(runner, data, parameters, **details)
     assert isinstance(job, JobRecord)
     return job.id
@@ -83,7 +83,7 @@ def rows(library: Library, table: str) -> int:
 
 
 def workers(besides: list[int] | tuple[int, ...] = ()) -> list[int]:
-    """The worker processes of this process' runners, without some that were there before."""
+    """Return the worker processes of this process, except those in `besides`."""
     return [pid for pid in children(os.getpid()) if pid not in besides]
 
 
@@ -95,7 +95,7 @@ def library(tmp_path):
 
 @pytest.fixture(scope="module")
 def loop():
-    """An event loop that stands still between the tests and goes on in the next."""
+    """An event loop that all tests of this module share."""
     with asyncio.Runner() as runner:
         yield runner.run
 
@@ -111,7 +111,7 @@ def shared(tmp_path_factory, loop):
 
 
 def run_with(library: Library, limits: JobLimits, story: Callable[[JobRunner], Awaitable[None]]) -> None:
-    """Start a runner with one worker of its own, do something with it, and stop it."""
+    """Start a runner with one worker, run `story` with it, and stop it."""
 
     async def whole() -> None:
         runner = JobRunner(library, workers=1, limits=limits)
@@ -153,7 +153,7 @@ def test_the_runner_becomes_ready_and_is_alive(shared, loop):
     assert runner.running == 0
 
 
-def test_a_stored_mesh_is_answered_with_its_shape(shared, loop):
+def test_submitting_a_stored_mesh_returns_its_shape(shared, loop):
     runner, library = shared
     shape = library.add(small_mesh(1), parameters=FEW)
     assert loop(submit(runner, small_mesh(1))).shape == shape
@@ -168,7 +168,7 @@ def test_a_stored_mesh_is_answered_with_its_shape(shared, loop):
     ],
     ids=["cut short", "nonsense", "without area"],
 )
-def test_a_bad_mesh_fails_with_its_code_and_the_queue_goes_on(shared, loop, data, code, says):
+def test_a_damaged_mesh_fails_with_its_code_and_the_next_job_runs(shared, loop, data, code, says):
     runner, library = shared
     before = rows(library, "meshes")
 
@@ -183,17 +183,17 @@ def test_a_bad_mesh_fails_with_its_code_and_the_queue_goes_on(shared, loop, data
     assert says in bad.error["message"]
     assert bad.error["advice"]
     assert good.state == "succeeded"
-    assert rows(library, "meshes") == before + 1  # a mesh that failed is not kept
+    assert rows(library, "meshes") == before + 1  # the mesh of the failed job is deleted
 
 
-def test_the_same_mesh_sent_many_times_at_once_is_computed_once(shared, loop):
+def test_equal_meshes_submitted_together_are_computed_once(shared, loop):
     runner, library = shared
     data = medium_mesh()
 
     async def story() -> list[JobRecord]:
         answers = await asyncio.gather(*(submit(runner, data) for _ in range(12)))
         other = await queue(runner, data, Parameters(samples=41))
-        assert len({answer.id for answer in answers} | {other}) == 13  # each has a job of its own
+        assert len({answer.id for answer in answers} | {other}) == 13  # each upload has its own job
         assert (await runner.cancel(answers[0].id)).state == "cancelled"
         ended = [await end(runner, answer.id) for answer in answers[1:]]
         (shape_id,) = {job.shape_id for job in ended}
@@ -206,10 +206,10 @@ def test_the_same_mesh_sent_many_times_at_once_is_computed_once(shared, loop):
     jobs = loop(story())
     assert len(library) == before + 2
     times = sorted((job.finished_at - job.started_at).total_seconds() for job in jobs)
-    assert sum(times[:-1]) < times[-1]  # nothing was left to compute for the others
+    assert sum(times[:-1]) < times[-1]  # only one job computed
 
 
-def test_a_mesh_is_read_as_its_job_says_and_read_otherwise_it_is_another_job(shared, loop):
+def test_a_mesh_is_read_by_the_policy_of_its_job(shared, loop):
     runner, library = shared
     policies = [MeshPolicy(), MeshPolicy(components="bridge"), MeshPolicy(components="error")]
 
@@ -228,7 +228,7 @@ def test_a_mesh_is_read_as_its_job_says_and_read_otherwise_it_is_another_job(sha
     assert [shape.area for shape in shapes] == [surface.area for surface in surfaces]
 
 
-def test_a_query_gives_a_ranking_and_leaves_no_mesh(shared, loop):
+def test_a_query_returns_a_ranking_and_stores_no_mesh(shared, loop):
     runner, library = shared
     library.add(small_mesh(2), label="torus", name="near", parameters=FEW)
     library.add(ply(sphere(subdivisions=1)), label="sphere", name="far", parameters=FEW)
@@ -246,7 +246,7 @@ def test_a_query_gives_a_ranking_and_leaves_no_mesh(shared, loop):
     assert (rows(library, "meshes"), len(library)) == before
 
 
-def test_a_query_with_a_stored_mesh_finds_it_and_leaves_it(shared, loop):
+def test_a_query_with_a_stored_mesh_finds_and_keeps_that_shape(shared, loop):
     runner, library = shared
     shape = library.add(small_mesh(4), parameters=FEW)
 
@@ -258,7 +258,7 @@ def test_a_query_with_a_stored_mesh_finds_it_and_leaves_it(shared, loop):
     assert library.mesh(shape.id) == small_mesh(4)
 
 
-def test_progress_moves_through_the_stages(shared, loop):
+def test_progress_increases_through_the_stages(shared, loop):
     runner, _ = shared
 
     details: list[tuple[str, dict[str, float]]] = []
@@ -334,7 +334,7 @@ def seconds_computed(pid: int) -> float:
     return (int(values[11]) + int(values[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def test_waiting_for_a_job_ends_when_it_is_cancelled_or_time_is_up(shared, loop):
+def test_waiting_for_a_job_ends_with_its_cancellation_or_a_timeout(shared, loop):
     runner, _ = shared
 
     async def story() -> None:
@@ -350,7 +350,7 @@ def test_waiting_for_a_job_ends_when_it_is_cancelled_or_time_is_up(shared, loop)
     loop(story())
 
 
-def test_a_worker_killed_in_the_middle_costs_an_attempt_and_not_the_job(shared, loop):
+def test_a_job_whose_worker_is_killed_is_repeated(shared, loop):
     runner, library = shared
 
     async def story() -> JobRecord:
@@ -369,7 +369,7 @@ def test_a_worker_killed_in_the_middle_costs_an_attempt_and_not_the_job(shared, 
     assert library.get(job.shape_id).sha256
 
 
-def test_a_job_that_kills_every_worker_fails_in_the_end(shared, loop):
+def test_a_job_that_loses_two_workers_fails(shared, loop):
     runner, _ = shared
 
     async def story() -> tuple[JobRecord, JobRecord]:
@@ -385,7 +385,7 @@ def test_a_job_that_kills_every_worker_fails_in_the_end(shared, loop):
     assert after.state == "succeeded"
 
 
-def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loop):
+def test_calls_on_stored_meshes_return_results_and_raise_typed_errors(shared, loop):
     runner, library = shared
     shape = library.add(small_mesh(5), parameters=FEW)
     mesh = StoredMesh(library.url, shape.sha256, "ply", READ)
@@ -399,7 +399,7 @@ def test_calls_on_stored_meshes_run_in_a_worker_and_raise_our_errors(shared, loo
         loop(runner.call(convert, StoredMesh(mesh.library_url, "0" * 64, "ply", READ), "off"))
 
 
-def test_a_job_that_is_not_there_is_not_found(shared, loop):
+def test_an_unknown_job_is_not_found(shared, loop):
     runner, _ = shared
     for call in (runner.status, runner.cancel, lambda job_id: runner.wait(job_id, 1.0)):
         with pytest.raises(NotFoundError, match="no job nobody"):
@@ -424,12 +424,12 @@ def test_jobs_are_listed_newest_first_and_by_state(shared, loop):
     loop(story())
 
 
-def test_a_full_queue_refuses_and_takes_again_when_there_is_room(library):
+def test_a_full_queue_refuses_jobs_until_one_leaves_it(library):
     async def story(runner: JobRunner) -> None:
         first = await queue(runner, ENDLESS, MANY)
         await until(runner, first, computing)
         second = await queue(runner, small_mesh(0))
-        await until(runner, second, lambda job: job.state == "running")  # in hand, waiting for the process
+        await until(runner, second, lambda job: job.state == "running")  # claimed, and waiting for the process
         third = await queue(runner, small_mesh(1))
         assert await runner.queued() == 1
         with pytest.raises(QueueFullError) as caught:
@@ -444,7 +444,7 @@ def test_a_full_queue_refuses_and_takes_again_when_there_is_room(library):
     run_with(library, JobLimits(queued=1, drain_seconds=0.0), story)
 
 
-def test_a_job_over_its_time_is_stopped_and_the_next_one_runs(library):
+def test_a_job_beyond_its_time_limit_fails_and_the_next_job_runs(library):
     async def story(runner: JobRunner) -> None:
         await until_true(lambda: runner.ready)
         long, after = await queue(runner, ENDLESS, MANY), await queue(runner, small_mesh(0))
@@ -456,20 +456,20 @@ def test_a_job_over_its_time_is_stopped_and_the_next_one_runs(library):
             await runner.call(time.sleep, PATIENCE)
         shape = library.page().items[0]
         mesh = StoredMesh(library.url, shape.sha256, "ply", READ)
-        assert (await patient_call(runner, convert, mesh, "off")).startswith(b"OFF")
+        assert (await call_until_in_time(runner, convert, mesh, "off")).startswith(b"OFF")
 
     run_with(library, JobLimits(seconds=4.5, call_seconds=4.5, drain_seconds=0.0), story)
 
 
-async def patient_call(runner: JobRunner, *call: Any) -> Any:
-    """Call again where the process, just started anew, was not there in time."""
+async def call_until_in_time(runner: JobRunner, *call: Any) -> Any:
+    """Repeat a call until the restarted process answers in time."""
     async with asyncio.timeout(PATIENCE):
         while True:
             with contextlib.suppress(JobTimeoutError):
                 return await runner.call(*call)
 
 
-def test_a_job_over_its_memory_fails_and_the_next_one_runs(library):
+def test_a_job_beyond_its_memory_limit_fails_and_the_next_job_runs(library):
     async def story(runner: JobRunner) -> None:
         large = await end(runner, await queue(runner, ply(torus(columns=700, rows=400))))
         assert (large.state, large.attempts, large.error["code"]) == ("failed", 1, "job_memory")
@@ -478,7 +478,7 @@ def test_a_job_over_its_memory_fails_and_the_next_one_runs(library):
     run_with(library, JobLimits(memory_mb=700, drain_seconds=0.0), story)
 
 
-def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(library):
+def test_stopping_requeues_a_running_job_and_the_next_runner_finishes_it(library):
     ids: list[str] = []
     before = workers()
 
@@ -492,7 +492,7 @@ def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(librar
     assert workers(besides=before) == []
 
     async def begin_again(runner: JobRunner) -> None:
-        assert [(await runner.status(job_id)).attempts for job_id in ids] <= [1, 1]
+        assert all([(await runner.status(job_id)).attempts <= 1 for job_id in ids])
         jobs = [await end(runner, job_id) for job_id in ids]
         assert [(job.state, job.attempts) for job in jobs] == [("succeeded", 1)] * 2
         assert library.get(jobs[0].shape_id).name == "kept"
@@ -503,7 +503,7 @@ def test_stopping_puts_a_running_job_back_and_the_next_runner_finishes_it(librar
     run_with(library, LIMITS, begin_again)
 
 
-def test_stopping_lets_running_jobs_end_where_there_is_time(library):
+def test_stopping_waits_for_running_jobs_within_the_drain_time(library):
     ids: list[str] = []
 
     async def story(runner: JobRunner) -> None:
@@ -514,7 +514,7 @@ def test_stopping_lets_running_jobs_end_where_there_is_time(library):
     assert len(library) == 1
 
 
-def test_jobs_left_running_by_a_killed_server_are_run_again_and_not_for_ever(library):
+def test_jobs_of_a_killed_server_run_again_up_to_the_limit_of_restarts(library):
     ids: list[str] = []
 
     async def leave(runner: JobRunner) -> None:
@@ -527,7 +527,7 @@ def test_jobs_left_running_by_a_killed_server_are_run_again_and_not_for_ever(lib
         assert (lost.state, lost.restarts, lost.error["code"]) == ("failed", 2, "worker_lost")
 
     run_without_starting(library, leave)
-    with library.store.write() as connection:  # as a server that was killed leaves them
+    with library.store.write() as connection:  # the state that a killed server leaves
         for seq, restarts in ((1, 0), (3, 2)):
             connection.exec_driver_sql(
                 "UPDATE jobs SET state = 'running', attempts = 1, restarts = ? WHERE seq = ?", (restarts, seq)
@@ -545,7 +545,7 @@ def run_without_starting(library: Library, story: Callable[[JobRunner], Awaitabl
     asyncio.run(whole())
 
 
-def test_a_worker_killed_while_it_loads_its_kernels_does_not_keep_the_runner_from_being_ready(library):
+def test_a_runner_becomes_ready_although_a_starting_worker_was_killed(library):
     before = workers()
 
     async def story(runner: JobRunner) -> None:

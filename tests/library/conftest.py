@@ -1,4 +1,4 @@
-"""A new library on a file of its own."""
+"""Fixtures of a new library in its own file."""
 
 from __future__ import annotations
 

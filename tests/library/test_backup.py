@@ -1,4 +1,4 @@
-"""Backups of libraries in use, and restoring them into libraries in use."""
+"""Backups of libraries in use, and restoring backups into libraries in use."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RELEASED = Path(__file__).parent / "released"
 
 
 def contents(path: Path) -> dict[str, list[tuple]]:
-    """Every row of every table, but the epoch."""
+    """Return every row of every table, except the epoch."""
     with closing(sqlite3.connect(path)) as connection:
         names = [name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         tables = {
@@ -64,7 +64,7 @@ def run(code: str, *arguments: object) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, "-c", code, *map(str, arguments)], env=without_settings())
 
 
-def test_a_backup_holds_everything_and_is_a_library(library, path, tmp_path):
+def test_a_backup_is_a_complete_library(library, path, tmp_path):
     add(library, b"some bytes", "cat", "cats", {"n": 1}, vector=(1, 2, 3))
     enqueue(library, b"others", "waiting")
     make_key(library, "owner")
@@ -96,9 +96,9 @@ with Library(sys.argv[1]) as library:
 """
 
 
-def test_a_backup_is_of_one_moment_while_another_process_writes_all_the_time(library, path, tmp_path):
+def test_a_backup_is_consistent_while_another_process_writes(library, path, tmp_path):
     with library.store.write() as connection:
-        for number in range(200):  # far enough apart in the file
+        for number in range(200):  # so many that the first and the last are far apart in the file
             insert(connection, b"%d" % number * 2000, str(number))
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, env=without_settings())
     seen = set()
@@ -114,16 +114,16 @@ def test_a_backup_is_of_one_moment_while_another_process_writes_all_the_time(lib
         writer.kill()
         writer.wait()
         writer.stdout.close()
-    assert len(seen) > 1  # it was written to meanwhile
+    assert len(seen) > 1  # the other process wrote between the backups
 
 
-def test_a_library_of_an_older_schema_is_copied_as_it_is(tmp_path):
+def test_a_backup_does_not_migrate_a_library_of_an_older_schema(tmp_path):
     released(tmp_path / "old.db", "0002")
     assert backup(str(tmp_path / "old.db"), tmp_path / "copy.db").revision == "0002"
     assert contents(tmp_path / "copy.db") == contents(tmp_path / "old.db")
 
 
-def test_a_backup_takes_no_place_that_is_taken(library, path, tmp_path):
+def test_a_backup_does_not_overwrite_other_files_or_its_own_library(library, path, tmp_path):
     add(library, b"x", "new")
     taken = tmp_path / "taken.db"
     taken.write_bytes(b"something")
@@ -139,7 +139,7 @@ def test_a_backup_takes_no_place_that_is_taken(library, path, tmp_path):
     assert names(taken) == ["new"]
 
 
-def test_a_backup_is_not_put_under_a_log_that_others_left(library, tmp_path):
+def test_a_backup_does_not_replace_a_library_in_use(library, tmp_path):
     other = tmp_path / "other.db"
     with Library(str(other)) as opened:
         add(opened, b"y", "other")
@@ -157,20 +157,20 @@ def test_a_backup_is_not_put_under_a_log_that_others_left(library, tmp_path):
         ("postgresql+psycopg://user:secret@host/shapes", "in postgresql, not in an SQLite file: use pg_dump"),
     ],
 )
-def test_what_is_no_library_on_a_file_is_not_copied(tmp_path, url, words):
+def test_a_backup_of_anything_but_a_library_file_is_refused(tmp_path, url, words):
     with pytest.raises(ParameterError, match=words) as caught:
         backup(url.format(new=tmp_path), tmp_path / "copy.db")
     assert "secret" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_backup_into_a_folder_that_is_not_there_says_so(library, tmp_path):
+def test_a_backup_into_a_missing_folder_is_refused(library, tmp_path):
     with pytest.raises(ParameterError, match="no folder"):
         library.backup(tmp_path / "nowhere/copy.db")
 
 
 def damaged(path: Path) -> Path:
-    """Overwrite the index of a table's labels, which reading all shapes would not notice."""
+    """Overwrite an index of labels, damage that reading all shapes does not reveal."""
     with closing(sqlite3.connect(path)) as connection:
         (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'ix_shapes_label_seq'").fetchone()
         (size,) = connection.execute("PRAGMA page_size").fetchone()
@@ -180,7 +180,7 @@ def damaged(path: Path) -> Path:
     return path
 
 
-def test_damage_is_found_and_no_good_backup_is_lost_to_it(library, path, tmp_path):
+def test_a_damaged_backup_is_refused_and_overwrites_nothing(library, path, tmp_path):
     with library.store.write() as connection:
         for number in range(20):
             insert(connection, b"%d" % number, str(number), "label")
@@ -197,7 +197,7 @@ def test_damage_is_found_and_no_good_backup_is_lost_to_it(library, path, tmp_pat
     assert not (tmp_path / "empty.db").exists()
 
 
-def test_what_is_no_backup_is_refused(library, tmp_path):
+def test_restoring_a_file_that_is_no_backup_is_refused(library, tmp_path):
     add(library, b"x", "kept")
     (tmp_path / "letter.txt").write_bytes(b"Dear reader, " * 500)
     (tmp_path / "nothing").write_bytes(b"")
@@ -214,7 +214,7 @@ def test_what_is_no_backup_is_refused(library, tmp_path):
     assert [shape.name for shape in library.page().items] == ["kept"]
 
 
-def test_a_backup_of_a_later_version_is_refused_and_the_library_stays(library, tmp_path):
+def test_a_backup_of_a_later_version_is_refused(library, tmp_path):
     add(library, b"x", "kept")
     later = library.backup(tmp_path / "later.db").path
     with closing(sqlite3.connect(later)) as connection, connection:
@@ -226,7 +226,7 @@ def test_a_backup_of_a_later_version_is_refused_and_the_library_stays(library, t
     assert [shape.name for shape in library.page().items] == ["kept"]
 
 
-def test_a_restored_library_is_the_one_that_was_backed_up(library, path, tmp_path):
+def test_a_restored_library_equals_its_backup(library, path, tmp_path):
     add(library, b"x", "first", "a", {"n": 1})
     copy = library.backup(tmp_path / "copy.db").path
     bytes_before, before = copy.read_bytes(), contents(copy)
@@ -244,7 +244,7 @@ def test_a_restored_library_is_the_one_that_was_backed_up(library, path, tmp_pat
     check_backup(path)
 
 
-def test_an_older_backup_is_brought_up_to_date(tmp_path, library):
+def test_an_older_backup_is_migrated(tmp_path, library):
     restore(released(tmp_path / "old.db", "0001"), library.url, overwrite=True)
     assert sorted(shape.name for shape in library.page().items) == ["flät/=1", "uploaded"]
     assert check_backup(Path(library.url)).revision == max(revisions())
@@ -256,8 +256,8 @@ def moments_of(library: Library) -> list[tuple[str, float]]:
 
 
 @pytest.mark.parametrize("more", [0, 1, 5], ids=["a lower revision", "the same revision", "a higher revision"])
-def test_open_libraries_search_what_was_restored_whatever_its_revision(library, path, tmp_path, more):
-    """Whoever holds vectors in memory must not take a revision of another history for one of his own."""
+def test_open_libraries_search_the_restored_shapes_whatever_the_revision(library, path, tmp_path, more):
+    """A cached index must not mistake a revision of the restored history for a revision of its own history."""
     with Library(str(tmp_path / "other.db")) as other:
         for number in range(2 + more):
             add(other, b"other %d" % number, f"other {number}", vector=(number, 0, 0))
@@ -273,18 +273,18 @@ def test_open_libraries_search_what_was_restored_whatever_its_revision(library, 
         assert moments_of(second) == moments_of(library) == [*expected, ("late", 50.0)]
 
 
-def test_a_library_restored_by_others_while_nobody_asked_is_searched_as_it_is(library, path, tmp_path):
+def test_a_restore_by_another_library_is_noticed_even_if_the_revision_is_equal(library, path, tmp_path):
     add(library, b"one", "one", vector=(1, 0, 0))
     copy = library.backup(tmp_path / "copy.db").path
     add(library, b"two", "two", vector=(2, 0, 0))
     assert len(moments_of(library)) == 2
     with Library(str(path)) as other:
         restore(copy, str(path), overwrite=True)
-        add(other, b"three", "three", vector=(3, 0, 0))  # the revision, and the last seq, are what they were
+        add(other, b"three", "three", vector=(3, 0, 0))  # makes the revision and the last seq equal to the old ones
     assert moments_of(library) == [("one", 1.0), ("three", 3.0)]
 
 
-def test_readers_see_the_old_library_to_their_end(library, path, tmp_path):
+def test_readers_keep_their_snapshot_during_a_restore(library, path, tmp_path):
     add(library, b"one", "one")
     copy = library.backup(tmp_path / "copy.db").path
     add(library, b"two", "two")
@@ -298,7 +298,7 @@ def test_readers_see_the_old_library_to_their_end(library, path, tmp_path):
     assert len(library) == 1
 
 
-def test_restoring_waits_for_who_is_writing(library, path, tmp_path):
+def test_a_restore_waits_for_a_writer(library, path, tmp_path):
     copy = library.backup(tmp_path / "copy.db").path
     with library.store.write() as connection:
         insert(connection, b"x", "lost with the restore")
@@ -311,7 +311,7 @@ def test_restoring_waits_for_who_is_writing(library, path, tmp_path):
     assert len(library) == 0
 
 
-def test_who_writes_too_long_is_not_cut_off(library, path, tmp_path, monkeypatch):
+def test_a_restore_fails_if_a_writer_takes_too_long(library, path, tmp_path, monkeypatch):
     copy = library.backup(tmp_path / "copy.db").path
     monkeypatch.setattr("unbend.library.storage.database._BUSY_SECONDS", 0.1)
     with library.store.write() as connection:
@@ -321,7 +321,7 @@ def test_who_writes_too_long_is_not_cut_off(library, path, tmp_path, monkeypatch
     assert [shape.name for shape in library.page().items] == ["kept"]
 
 
-def test_pages_may_be_of_another_size(library, path, tmp_path):
+def test_a_backup_with_another_page_size_can_be_restored(library, path, tmp_path):
     add(library, b"x" * 9000, "one")
     copy = library.backup(tmp_path / "copy.db").path
     with closing(sqlite3.connect(copy)) as connection:
@@ -333,7 +333,7 @@ def test_pages_may_be_of_another_size(library, path, tmp_path):
     check_backup(path)
 
 
-def test_jobs_that_ran_when_the_backup_was_made_are_queued(library, tmp_path):
+def test_running_jobs_of_a_backup_are_queued_after_the_restore(library, tmp_path):
     ids = [enqueue(library, b"%d" % number, str(number)) for number in range(2)]
     with library.store.write() as connection:
         assert job_rows.claim(connection).id == ids[0]
@@ -344,7 +344,7 @@ def test_jobs_that_ran_when_the_backup_was_made_are_queued(library, tmp_path):
     assert [job and (job.id, job.attempts, job.restarts) for job in jobs] == [(ids[0], 1, 0), (ids[1], 1, 0), None]
 
 
-def test_keys_stay_those_of_the_library(library, path, tmp_path):
+def test_a_restore_keeps_the_keys_of_the_library(library, path, tmp_path):
     old_id, old = make_key(library, "revoked since")
     _, kept = make_key(library, "kept")
     copy = library.backup(tmp_path / "copy.db").path
@@ -357,7 +357,7 @@ def test_keys_stay_those_of_the_library(library, path, tmp_path):
     assert len(library.keys.all()) == 3
 
 
-def test_a_library_that_never_had_keys_takes_the_backups(library, tmp_path):
+def test_a_restore_into_a_library_without_keys_takes_the_keys_of_the_backup(library, tmp_path):
     _, text = make_key(library, "owner")
     copy = library.backup(tmp_path / "copy.db").path
     with Library(str(tmp_path / "fresh.db")):
@@ -367,14 +367,14 @@ def test_a_library_that_never_had_keys_takes_the_backups(library, tmp_path):
         assert fresh.keys.find(text).name == "owner"
 
 
-def test_a_key_revoked_while_a_backup_is_made_ready_stays_revoked(library, path, tmp_path, monkeypatch):
+def test_a_key_revoked_during_a_restore_stays_revoked(library, path, tmp_path, monkeypatch):
     key_id, text = make_key(library, "leaked")
     copy = library.backup(tmp_path / "copy.db").path
     looked = []
 
     def check_late(file: Path) -> module.Backup:
         looked.append(file)
-        if len(looked) == 2:  # the staged copy: keys were read, and nothing was written yet
+        if len(looked) == 2:  # the staged copy: its keys were read, and the library is not written yet
             library.keys.revoke(key_id)
         return check_backup(file)
 
@@ -403,7 +403,7 @@ else:
 """
 
 
-def test_a_restore_that_is_killed_changes_nothing(library, path, tmp_path):
+def test_a_killed_restore_changes_nothing(library, path, tmp_path):
     add(library, b"x" * 50_000, "one")
     copy = library.backup(tmp_path / "copy.db").path
     add(library, b"y", "two")
@@ -415,7 +415,7 @@ def test_a_restore_that_is_killed_changes_nothing(library, path, tmp_path):
     add(library, b"z", "three")
 
 
-def test_a_backup_that_is_killed_leaves_the_earlier_one(library, path, tmp_path):
+def test_a_killed_backup_keeps_the_previous_backup(library, path, tmp_path):
     add(library, b"x", "one")
     copy = library.backup(tmp_path / "copy.db").path
     add(library, b"y", "two")
@@ -423,13 +423,13 @@ def test_a_backup_that_is_killed_leaves_the_earlier_one(library, path, tmp_path)
     assert check_backup(copy).shapes == 1
 
 
-def test_a_running_server_goes_on_with_what_was_restored(tmp_path):
+def test_a_running_server_uses_the_restored_library(tmp_path):
     with Server(tmp_path / "server", workers=1) as server, server.http() as http:
         few = {"parameters": Parameters(samples=40).to_json()}
         first = stored(http, small_mesh(0), name="first", label="a", **few)
         query = {"shape_id": first["id"]}
         with Library(str(server.library)) as library:
-            enqueue(library, small_mesh(90), "waited")  # behind the server's back: it knows with the next upload
+            enqueue(library, small_mesh(90), "waited")  # the server notices this job at the next upload
             copy = library.backup(tmp_path / "copy.db").path
         gone = stored(http, small_mesh(1), name="second", label="b", **few)
         assert http.post("/v1/queries", json=query).json()["shapes"][0]["id"] == gone["id"]

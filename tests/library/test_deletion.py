@@ -1,4 +1,4 @@
-"""Deletion: nothing of what was removed is left in the file, in its log, or in what jobs remember."""
+"""Deletion: removed content does not remain in the file, in its log, or in stored jobs."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 
 SECRETS = (b"MARKER-OF-THE-MESH", b"name-of-it", b"label-of-it", b"metadata-of-it")
 LONG = SECRETS[0] * 2000
-"""A file of many pages."""
+"""A mesh file that takes many pages of the database."""
 
 
 def on_disk(path, text: bytes) -> bool:
-    """Whether `text` is in a file of the database; as a function, for megabytes make no readable failure."""
+    """Tell whether the database's files contain `text`; an assert on the bytes would print megabytes on a failure."""
     return text in in_files(path)
 
 
-def assert_nothing_of_it(path, *others: bytes) -> None:
+def assert_no_secrets(path, *others: bytes) -> None:
     assert in_files(path)[:6] == b"SQLite"
     assert [secret for secret in (*SECRETS, *others) if on_disk(path, secret)] == []
 
 
 def assert_soon_gone(path, text: bytes) -> None:
-    """The log is emptied once for all jobs that end within a second."""
+    """Wait until `text` is gone: the log is emptied once for all jobs that end within a second."""
     until = time.monotonic() + 10.0
     while on_disk(path, text) and time.monotonic() < until:
         time.sleep(0.1)
@@ -43,8 +43,8 @@ def add_secret(library: Library, data: bytes = LONG) -> str:
     return add(library, data, "name-of-it", "label-of-it", {"key": "metadata-of-it"}).id
 
 
-def ran(library: Library, data: bytes, request: ShapeRequest | QueryRequest) -> str:
-    """A job that is running; its id."""
+def start_job(library: Library, data: bytes, request: ShapeRequest | QueryRequest) -> str:
+    """Start a job; return its id."""
     key = Upload(data, "off", PARAMETERS).key
     with library.store.write() as connection:
         shape_rows.put_mesh(connection, key.sha256, data)
@@ -65,16 +65,16 @@ def job_of(library: Library, job_id: str) -> job_rows.JobRecord:
 
 
 @pytest.mark.parametrize("data", [LONG, SECRETS[0]], ids=["many pages", "a few bytes"])
-def test_no_byte_of_a_removed_shape_is_on_disk(library, path, data):
+def test_a_removed_shape_leaves_no_byte_on_disk(library, path, data):
     add(library, b"another file", "other", "others")
     shape_id = add_secret(library, data)
     assert all(secret in in_files(path) for secret in SECRETS)
     library.remove(shape_id)
-    assert_nothing_of_it(path)
+    assert_no_secrets(path)
     assert [shape.name for shape in library.page().items] == ["other"]
 
 
-def test_no_byte_of_many_removed_shapes_is_on_disk_whatever_was_written_around_them(library, path):
+def test_many_removed_shapes_leave_no_byte_on_disk_among_other_changes(library, path):
     random = np.random.default_rng(0)
     there: dict[bytes, str] = {}
     gone = []
@@ -97,39 +97,39 @@ def test_no_byte_of_many_removed_shapes_is_on_disk_whatever_was_written_around_t
     assert all(mark in found for mark in there)
 
 
-def test_nothing_is_left_when_a_reader_was_in_the_way(library, path):
+def test_a_removed_shape_leaves_no_byte_after_a_concurrent_reader_ends(library, path):
     shape_id = add_secret(library)
     with library.store.read() as connection:
         assert shape_rows.count_shapes(connection) == 1
         began = time.monotonic()
         library.remove(shape_id)
-        assert time.monotonic() - began < 5.0  # it does not wait for the reader
+        assert time.monotonic() - began < 5.0  # the removal does not wait for the reader
         assert shape_rows.get_shape(connection, shape_id).name == "name-of-it"
     end = time.monotonic() + 20.0
     while any(secret in in_files(path) for secret in SECRETS) and time.monotonic() < end:
         time.sleep(0.1)
-    assert_nothing_of_it(path)
+    assert_no_secrets(path)
 
 
-def test_a_shape_that_shares_its_file_leaves_the_bytes_and_nothing_else(library, path):
+def test_a_mesh_file_stays_while_a_job_needs_it(library, path):
     shape_id = add_secret(library)
-    failed = ran(library, LONG, ShapeRequest("name-of-it", "label-of-it"))
+    failed = start_job(library, LONG, ShapeRequest("name-of-it", "label-of-it"))
     library.remove(shape_id)
-    assert on_disk(path, LONG[:40])  # the job needs it
+    assert on_disk(path, LONG[:40])  # the job needs the file
     end(library, failed, "cancelled")
     assert_soon_gone(path, LONG[:40])
 
 
-def test_the_upload_that_became_a_shape_says_nothing_of_it_any_more(library, path):
-    job_id = ran(library, LONG, ShapeRequest("name-of-it", "label-of-it", {"k": "metadata-of-it"}))
+def test_the_job_of_a_removed_shape_keeps_no_details(library, path):
+    job_id = start_job(library, LONG, ShapeRequest("name-of-it", "label-of-it", {"k": "metadata-of-it"}))
     with library.store.write() as connection:
         shape = insert(connection, LONG, "name-of-it", "label-of-it", {"k": "metadata-of-it"})
         job_rows.finish(connection, job_id, "succeeded", shape_id=shape.id)
-    library.change(shape.id, {"name": "renamed"})  # the upload's own words are another's by now
+    library.change(shape.id, {"name": "renamed"})  # the name in the request now differs from the shape's name
     library.remove(shape.id)
     job = job_of(library, job_id)
     assert (job.state, job.shape_id, job.request, job.mesh_sha256) == ("succeeded", shape.id, None, None)
-    assert_nothing_of_it(path, b"renamed", shape.sha256.encode())
+    assert_no_secrets(path, b"renamed", shape.sha256.encode())
 
 
 def ranking(*shapes, classes=()) -> dict:
@@ -141,87 +141,87 @@ def ranking(*shapes, classes=()) -> dict:
     }
 
 
-def test_answers_that_named_a_shape_name_it_no_more(library, path):
+def test_stored_results_do_not_name_a_removed_shape(library, path):
     kept = add(library, b"kept", "kept", "a")
     secret = library.get(add_secret(library))
     other = add(library, b"more", "more", "label-of-it")
-    first = ran(library, b"one", QueryRequest("moments", k=9))
+    first = start_job(library, b"one", QueryRequest("moments", k=9))
     end(library, first, "succeeded", result=ranking(secret, kept, other, classes=["label-of-it", "a"]))
-    unconcerned = ran(library, b"two", QueryRequest("moments", k=1))
+    unconcerned = start_job(library, b"two", QueryRequest("moments", k=1))
     end(library, unconcerned, "succeeded", result=ranking(kept, classes=["a", "label-of-it"]))
     library.remove(secret.id)
     assert job_of(library, first).result == ranking(kept, other, classes=["label-of-it", "a"])
     assert not on_disk(path, b"name-of-it")
-    library.remove(other.id)  # with the last of a class, the class goes
+    library.remove(other.id)  # the last member of its class
     assert job_of(library, first).result == ranking(kept, classes=["a"])
     assert job_of(library, unconcerned).result == ranking(kept, classes=["a"])
-    assert_nothing_of_it(path)
+    assert_no_secrets(path)
 
 
-def test_a_label_that_was_changed_is_nowhere_once_nothing_has_it(library, path):
+def test_an_unused_label_leaves_no_byte_on_disk(library, path):
     shape_id = add_secret(library)
-    job_id = ran(library, b"q", QueryRequest("moments", k=9))
+    job_id = start_job(library, b"q", QueryRequest("moments", k=9))
     answer = ranking(library.get(shape_id), classes=["label-of-it"])
     end(library, job_id, "succeeded", result=answer)
     library.change(shape_id, {"label": "another", "name": "renamed", "metadata": {}})
     assert_soon_gone(path, b"label-of-it")
-    told = job_of(library, job_id).result
-    assert told["classes"] == []
-    assert [(match["name"], match["label"]) for match in told["shapes"]] == [("renamed", "another")]
+    reported = job_of(library, job_id).result
+    assert reported["classes"] == []
+    assert [(match["name"], match["label"]) for match in reported["shapes"]] == [("renamed", "another")]
     library.remove(shape_id)
     assert job_of(library, job_id).result == ranking()
-    assert_nothing_of_it(path, b"renamed", b"another")
+    assert_no_secrets(path, b"renamed", b"another")
 
 
-def test_a_label_comes_back_as_another_class(library):
+def test_a_reused_label_is_a_new_class(library):
     first = add(library, b"one", "one", "a")
-    job_id = ran(library, b"q", QueryRequest("moments", k=9))
+    job_id = start_job(library, b"q", QueryRequest("moments", k=9))
     end(library, job_id, "succeeded", result=ranking(classes=["a"]))
     library.remove(first.id)
     add(library, b"two", "two", "a")
     assert job_of(library, job_id).result == ranking()
 
 
-def test_what_an_upload_said_is_forgotten_when_it_ends(library, path):
+def test_the_request_of_an_upload_is_deleted_when_its_job_ends(library, path):
     said = ShapeRequest("name-of-it", "label-of-it", {"k": "metadata-of-it"})
     for state in ("failed", "cancelled"):
-        job_id = ran(library, LONG, said)
+        job_id = start_job(library, LONG, said)
         assert end(library, job_id, state).request is None
     for secret in SECRETS:
         assert_soon_gone(path, secret)
 
 
-def test_a_label_with_signs_of_all_kinds_goes_too(library, path):
+def test_a_label_with_special_characters_is_removed_from_results(library, path):
     label = 'caf\u00e9 "100%_\\ \u2028'
     secret = add(library, b"x", "x", label)
-    job_id = ran(library, b"q", QueryRequest("moments", k=9))
+    job_id = start_job(library, b"q", QueryRequest("moments", k=9))
     end(library, job_id, "succeeded", result=ranking(classes=[label]))
     library.remove(secret.id)
     assert job_of(library, job_id).result == ranking()
 
 
-def test_an_answer_that_was_under_way_while_a_shape_was_removed_does_not_name_it(library, path):
+def test_a_result_finished_after_a_removal_does_not_name_the_shape(library, path):
     secret = library.get(add_secret(library))
     kept = add(library, b"kept", "kept", "a")
-    job_id = ran(library, b"query", QueryRequest("moments", k=9))
+    job_id = start_job(library, b"query", QueryRequest("moments", k=9))
     answer = ranking(secret, kept, classes=["label-of-it", "a"])
     library.remove(secret.id)
     assert end(library, job_id, "succeeded", result=answer).result == ranking(kept, classes=["a"])
-    assert_nothing_of_it(path)
+    assert_no_secrets(path)
 
 
 @pytest.mark.parametrize("state", ["succeeded", "failed", "cancelled"])
 @pytest.mark.parametrize("request_", [QueryRequest(), ShapeRequest("a")], ids=["query", "shape"])
-def test_no_byte_of_the_mesh_of_a_job_that_ended_without_a_shape_is_on_disk(library, path, state, request_):
-    job_id = ran(library, LONG, request_)
+def test_the_mesh_of_a_job_without_a_shape_leaves_no_byte_on_disk(library, path, state, request_):
+    job_id = start_job(library, LONG, request_)
     assert on_disk(path, SECRETS[0])
     end(library, job_id, state)
     assert_soon_gone(path, SECRETS[0])
     assert job_of(library, job_id).mesh_sha256 is None
 
 
-def test_meshes_sent_to_a_service_are_gone_when_their_jobs_have_ended(server):
-    """A query that is answered, and an upload that fails."""
+def test_a_server_keeps_no_mesh_of_a_query_or_of_a_failed_upload(server):
+    """The test sends a query and an upload that fails."""
     head, tail = small_mesh(77).split(b"element vertex", 1)
     query = head + b"comment MARK-OF-A-QUERY\nelement vertex" + tail
     broken = DAMAGED + b"# MARK-OF-A-FAILURE"
@@ -231,11 +231,11 @@ def test_meshes_sent_to_a_service_are_gone_when_their_jobs_have_ended(server):
         assert ended(http, post_mesh(http, broken, file_name="x.off"))["state"] == "failed"
     until = time.monotonic() + 20.0
     while b"MARK-OF-A" in in_files(server.library) and time.monotonic() < until:
-        time.sleep(0.1)  # where another reader was in the way
+        time.sleep(0.1)  # another reader may delay the erasure
     assert not on_disk(server.library, b"MARK-OF-A")
 
 
-def test_pages_freed_before_deletion_overwrote_them_are_not_in_backups(library, path, tmp_path):
+def test_pages_freed_without_overwriting_are_not_in_backups(library, path, tmp_path):
     shape_id = add_secret(library)
     library.close()
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
@@ -247,4 +247,4 @@ def test_pages_freed_before_deletion_overwrote_them_are_not_in_backups(library, 
         again.backup(tmp_path / "copy.db")
         with pytest.raises(NotFoundError):
             again.get(shape_id)
-    assert_nothing_of_it(tmp_path / "copy.db")
+    assert_no_secrets(tmp_path / "copy.db")

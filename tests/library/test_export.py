@@ -1,4 +1,4 @@
-"""The whole library as files: byte for byte, under names that harm nobody, read again by what reads folders."""
+"""Export of a library to files with safe names, and importing the files again."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def rows_of(folder) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize(("name", "safe"), NAMES.items())
-def test_names_of_files_are_those_of_shapes_as_far_as_they_are_safe(name, safe):
+def test_file_names_are_the_names_of_shapes_with_unsafe_characters_replaced(name, safe):
     assert safe_name(name) == safe
 
 
 @settings(max_examples=50)
 @given(st.text(min_size=1, max_size=80))
-def test_any_name_becomes_one_part_of_a_path(name):
+def test_any_name_becomes_a_safe_file_name(name):
     safe = safe_name(name)
     assert 1 <= len(safe.encode()) <= 151
     assert not set(safe) & set('/\\:*?"<>|' + "".join(map(chr, range(32))))
@@ -53,7 +53,7 @@ def test_any_name_becomes_one_part_of_a_path(name):
     assert safe[-1] not in ". "
 
 
-def test_every_file_is_there_byte_for_byte_with_all_that_is_known_of_it(library, tmp_path):
+def test_an_export_contains_every_file_and_the_whole_record(library, tmp_path):
     off, obj = (
         write_mesh(torus(columns=9, rows=5).vertices, torus(columns=9, rows=5).faces, kind) for kind in ("off", "obj")
     )
@@ -66,9 +66,9 @@ def test_every_file_is_there_byte_for_byte_with_all_that_is_known_of_it(library,
     out = tmp_path / "new/out"
     assert library.export(out) == 3
     assert {file.name for file in out.iterdir()} == {"labels.csv", "ring.off", "ring.obj", "no_label_.ply"}
-    told = rows_of(out)
+    reported = rows_of(out)
     assert (out / "labels.csv").read_bytes().startswith(b"path,class,")
-    for row, record in zip(told, records, strict=True):
+    for row, record in zip(reported, records, strict=True):
         assert list(row) == COLUMNS
         assert (out / row["path"]).read_bytes() == library.mesh(record.id)
         assert (row["class"], row["id"], row["name"]) == (record.label or "", record.id, record.name)
@@ -79,7 +79,7 @@ def test_every_file_is_there_byte_for_byte_with_all_that_is_known_of_it(library,
     assert [file.label for file in read_labels(out / "labels.csv", out)] == ["tori, round", '=cmd|"x"', None]
 
 
-def test_equal_names_and_names_that_file_systems_take_for_equal_do_not_meet(library, tmp_path):
+def test_equal_names_get_different_files(library, tmp_path):
     names = ["cat", "cat", "a/b", "a:b", "cat"]
     records = [add(library, b"OFF %d" % number, name) for number, name in enumerate(names)]
     clash = add(library, b"OFF 9", f"cat-{records[4].id}")
@@ -87,15 +87,15 @@ def test_equal_names_and_names_that_file_systems_take_for_equal_do_not_meet(libr
     records.insert(0, add(library, b"OFF 10", "labels.csv"))
     out = tmp_path / "out"
     assert library.export(out) == 7
-    told = {row["id"]: row["path"] for row in rows_of(out)}
-    assert len(set(told.values())) == 7
-    assert told[records[1].id] == "cat.off"
-    assert told[records[2].id] == f"cat-{records[2].id}.off"
-    for shape_id, path in told.items():
+    reported = {row["id"]: row["path"] for row in rows_of(out)}
+    assert len(set(reported.values())) == 7
+    assert reported[records[1].id] == "cat.off"
+    assert reported[records[2].id] == f"cat-{records[2].id}.off"
+    for shape_id, path in reported.items():
         assert (out / path).read_bytes() == library.mesh(shape_id)
 
 
-def test_a_name_that_looks_like_anothers_with_its_id_takes_no_file_from_it(library, tmp_path):
+def test_a_name_that_contains_the_id_of_another_shape_gets_its_own_file(library, tmp_path):
     add(library, b"OFF 0", "cat")
     first = add(library, b"OFF 1", "to be renamed")
     second = add(library, b"OFF 2", "cat")
@@ -106,7 +106,7 @@ def test_a_name_that_looks_like_anothers_with_its_id_takes_no_file_from_it(libra
     ]  # fmt: skip
 
 
-def test_a_folder_that_is_not_empty_is_left_alone(library, tmp_path):
+def test_an_export_into_a_folder_that_is_not_empty_is_refused(library, tmp_path):
     add(library, b"OFF 0", "cat")
     (tmp_path / "out").mkdir()
     (tmp_path / "out/mine").write_text("x")
@@ -119,13 +119,13 @@ def test_a_folder_that_is_not_empty_is_left_alone(library, tmp_path):
     assert library.export(tmp_path / "out") == 1
 
 
-def test_an_empty_library_has_a_header_alone(library, tmp_path):
+def test_an_export_of_an_empty_library_has_only_a_header(library, tmp_path):
     assert library.export(tmp_path / "out") == 0
     assert (tmp_path / "out/labels.csv").read_text().splitlines() == [",".join(COLUMNS)]
 
 
-def test_an_export_of_several_pages_is_of_one_state_while_others_write(library, path, tmp_path, monkeypatch):
-    """Each change moves the same mark into two shapes' names, pages apart."""
+def test_an_export_is_consistent_while_another_library_writes(library, path, tmp_path, monkeypatch):
+    """Each change gives two shapes, which are pages apart, the same new name."""
     monkeypatch.setattr("unbend.library.backups.export.MAX_PAGE", 2)
     with library.store.write() as connection:
         ids = [insert(connection, b"OFF %d" % number, "x").id for number in range(99)]
@@ -152,12 +152,12 @@ def test_an_export_of_several_pages_is_of_one_state_while_others_write(library, 
     finally:
         stop.set()
         thread.join()
-    told = rows_of(tmp_path / "out")
-    assert told[0]["name"] == told[-1]["name"]
-    assert len({row["path"] for row in told}) == len(told)
+    reported = rows_of(tmp_path / "out")
+    assert reported[0]["name"] == reported[-1]["name"]
+    assert len({row["path"] for row in reported}) == len(reported)
 
 
-def test_an_export_that_ends_early_has_no_labels(library, tmp_path):
+def test_an_export_that_fails_has_no_file_of_labels(library, tmp_path):
     add(library, b"OFF 0", "cat")
     add(library, b"no mesh that we know", "unknown")
     with library.store.write() as connection:
@@ -167,7 +167,7 @@ def test_an_export_that_ends_early_has_no_labels(library, tmp_path):
     assert not (tmp_path / "out/labels.csv").exists()
 
 
-def test_what_was_exported_can_be_imported(library, tmp_path):
+def test_an_export_can_be_imported(library, tmp_path):
     few = Parameters(samples=30)
     for number, (name, label) in enumerate([("a/b", "x"), ("a:b", None), ("käse", "=y\n"), (".", "z,\r")]):
         library.add(small_mesh(number), name=name, label=label, parameters=few)

@@ -1,4 +1,4 @@
-"""The history of jobs: listed in pages, bounded, and no burden to those who remove or change shapes."""
+"""The history of jobs: it is listed in pages, has a limit, and does not slow the removal of shapes down."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 
 
 def answered(connection, count: int, answer: dict, label: str = "") -> None:
-    """So many queries that were answered alike."""
+    """Store `count` ended queries with the same result."""
     for number in range(count):
         key = Upload(b"%d" % number, "off", PARAMETERS).key
         shape_rows.put_mesh(connection, key.sha256, b"%d" % number)
@@ -37,7 +37,7 @@ def listed(library, which: JobFilter | None = None, cursor: str | None = None, l
         return job_rows.list_jobs(connection, which or JobFilter(), cursor=cursor, limit=limit)
 
 
-def test_pages_of_jobs_have_all_of_them_once_and_no_results(library):
+def test_pages_of_jobs_contain_each_job_once_without_results(library):
     shape = add(library, b"one", "one", "a")
     with library.store.write() as connection:
         answered(connection, 25, ranking(shape))
@@ -71,7 +71,7 @@ def test_jobs_are_found_by_state_kind_and_shape(library):
     assert len(listed(library, JobFilter(kind="query", state="succeeded")).items) == 2
 
 
-def test_places_in_the_queue_are_counted_over_all_that_wait(library):
+def test_queue_positions_count_all_queued_jobs(library):
     with library.store.write() as connection:
         ids = []
         for number in range(9):
@@ -83,7 +83,7 @@ def test_places_in_the_queue_are_counted_over_all_that_wait(library):
         assert job_rows.positions(connection, page.items) == {ids[6]: 6, ids[3]: 3}
 
 
-def test_the_newest_are_kept_and_those_that_wait(library):
+def test_deleting_old_jobs_keeps_the_newest_and_all_queued_ones(library):
     with library.store.write() as connection:
         answered(connection, 12, ranking())
         key = Upload(b"mesh", "off", PARAMETERS).key
@@ -99,7 +99,7 @@ def test_the_newest_are_kept_and_those_that_wait(library):
         job_rows.get_job(connection, before[-1])
 
 
-def test_those_that_ended_before_an_instant_are_forgotten(library):
+def test_jobs_that_ended_before_a_time_are_deleted(library):
     with library.store.write() as connection:
         answered(connection, 3, ranking())
     between = datetime.now(UTC)
@@ -111,7 +111,7 @@ def test_those_that_ended_before_an_instant_are_forgotten(library):
     assert len(listed(library).items) == 2
 
 
-def test_removing_a_shape_takes_no_longer_with_a_long_history(library):
+def test_a_long_history_does_not_slow_the_removal_of_shapes_down(library):
     shapes = [add(library, b"%d" % number, str(number), "a") for number in range(12)]
 
     def removing(some) -> float:
@@ -123,8 +123,8 @@ def test_removing_a_shape_takes_no_longer_with_a_long_history(library):
     without = removing(shapes[:5])
     with library.store.write() as connection:
         answered(connection, 2000, ranking(*shapes[5:]))
-    assert removing(shapes[5:10]) < 10 * without + 0.5  # it took 30 ms more for each query
+    assert removing(shapes[5:10]) < 10 * without + 0.5  # an earlier version took 30 ms more for each query
     job = listed(library, limit=1).items[0]
     with library.store.read() as connection:
-        told = job_rows.get_job(connection, job.id).result
-    assert [match["id"] for match in told["shapes"]] == [shape.id for shape in shapes[10:]]
+        reported = job_rows.get_job(connection, job.id).result
+    assert [match["id"] for match in reported["shapes"]] == [shape.id for shape in shapes[10:]]

@@ -1,4 +1,4 @@
-"""The search index: at every query as true as a table read anew from the store, whoever changed the store."""
+"""The search index: it agrees with the store at every query, whoever changed the store."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ numbered = itertools.count()
 
 
 def signature(vector, parameters=ONE, **others) -> Signature:
-    """A signature of which only descriptors matter."""
+    """Return a signature in which only the descriptors matter."""
     points, faces = np.zeros((3, 3)), np.array([[0, 1, 2]])
     descriptors = {"moments": np.asarray(vector, float), **others}
     return Signature(points, faces, np.arange(3), np.full(3, 1 / 3), 1.0, 0.0, 0.0, descriptors, parameters)
 
 
 def add(library: Library, vector, label=None, parameters=ONE, **others) -> str:
-    """Store a shape whose moments are `vector`, by which it is also named; return its id."""
+    """Store a shape with `vector` as its moments and its name; return its id."""
     with library.store.write() as connection:
         return insert(connection, vector, label, parameters, **others)
 
@@ -54,13 +54,13 @@ def insert(connection, vector, label=None, parameters=ONE, **others) -> str:
     return shape_rows.add_shape(connection, computed, ShapeRequest(str(list(vector)), label)).id
 
 
-def held(library: Library, index: SearchIndex, key: IndexKey = KEY):
+def snapshot_of(library: Library, index: SearchIndex, key: IndexKey = KEY):
     with library.store.read() as connection:
         return index.snapshot(connection, key)
 
 
 def expected(path, query, parameters=ONE, *, but=""):
-    """What a search must answer: shapes, nearest first, and each class' distance, by plain SQL and NumPy."""
+    """Compute the answer of a search with plain SQL and NumPy: shapes, nearest first, and distances of classes."""
     connection = sqlite3.connect(path)
     stored = connection.execute(
         "SELECT shapes.id, name, label, vector FROM shapes JOIN signatures ON signatures.id = shapes.signature_id"
@@ -79,7 +79,7 @@ def expected(path, query, parameters=ONE, *, but=""):
 
 
 def check(library: Library, path, query=(0.0, 0.0, 0.0), parameters=ONE) -> None:
-    """Compare a library's answers to a signature and to its first shape with those expected."""
+    """Compare the library's answers to a signature and to its first shape with the expected answers."""
     answers = [(library.rank(signature(query, parameters), measure="moments", k=1000), query, "")]
     first = library.page(limit=1).items
     if first and first[0].parameters == parameters:
@@ -91,7 +91,7 @@ def check(library: Library, path, query=(0.0, 0.0, 0.0), parameters=ONE) -> None
         assert {match.label: match.distance for match in ranking.classes} == classes
 
 
-# Whole numbers, so that sums are exact and ties common.
+# Integers, so that sums are exact and ties are common.
 vectors = st.lists(st.integers(0, 2), min_size=WIDTH, max_size=WIDTH)
 labels = st.sampled_from([None, "a", "b", "c"])
 places = st.integers(0, 100)
@@ -106,7 +106,7 @@ changes = st.one_of(
 
 @settings(max_examples=15)
 @given(st.lists(st.tuples(changes, st.booleans(), st.booleans()), max_size=20))
-def test_two_libraries_on_one_file_answer_as_the_store_does_after_any_changes(tmp_path_factory, steps):
+def test_two_libraries_on_one_file_agree_with_the_store_after_any_changes(tmp_path_factory, steps):
     path = tmp_path_factory.mktemp("index") / "library.db"
     with Library(str(path)) as one, Library(str(path)) as two:
         ids = []
@@ -143,15 +143,15 @@ with Library({str(path)!r}) as library:
     assert [match.id for match in ranking.shapes] == [ids[0], ids[1], ids[3]]
 
 
-def test_what_was_given_out_stays_as_it_was(library):
+def test_a_snapshot_does_not_change(library):
     ids = [add(library, (number, 0, 0), "a") for number in range(10)]
     index = SearchIndex()
-    first = held(library, index)
+    first = snapshot_of(library, index)
     before = first.gallery.vectors.copy(), first.gallery.codes.copy(), first.seqs.copy()
     library.change(ids[3], {"label": "b"})
     library.remove(ids[4])
     add(library, (99, 0, 0), "c")
-    second = held(library, index)
+    second = snapshot_of(library, index)
     assert (len(first), len(second)) == (10, 10)
     assert [second.gallery.label(row) for row in (3, 4, 10)] == ["b", None, "c"]
     for old, array in zip(before, (first.gallery.vectors, first.gallery.codes, first.seqs), strict=True):
@@ -161,15 +161,15 @@ def test_what_was_given_out_stays_as_it_was(library):
     assert (first.gallery.labels, len(first.excluded)) == (("a",), 0)
 
 
-def test_neither_an_addition_nor_a_change_reads_or_moves_the_rows_that_are_there(library):
+def test_additions_and_changes_neither_read_nor_move_existing_rows(library):
     ids = [add(library, (number, 0, 0), "a") for number in range(5)]
     index = SearchIndex()
-    held(library, index)
+    snapshot_of(library, index)
     add(library, (5, 0, 0))
-    room = held(library, index)  # the table has grown and has room for more
+    grown = snapshot_of(library, index)  # the table has grown, with free rows
     read = []
     event.listen(library.store._engine, "before_cursor_execute", lambda *call: read.append((call[2], call[3])))
-    seen = room
+    seen = grown
     for change in (
         lambda: add(library, (6, 0, 0), "b"),
         lambda: library.change(ids[0], {"label": "b"}),
@@ -177,36 +177,36 @@ def test_neither_an_addition_nor_a_change_reads_or_moves_the_rows_that_are_there
     ):
         change()
         read.clear()
-        now = held(library, index)
-        assert np.shares_memory(now.gallery.vectors, room.gallery.vectors)
+        now = snapshot_of(library, index)
+        assert np.shares_memory(now.gallery.vectors, grown.gallery.vectors)
         (after,) = (values for text, values in read if "descriptors" in text)
         assert seen.seqs[-1] in after
         seen = now
     read.clear()
-    assert held(library, index) is seen
+    assert snapshot_of(library, index) is seen
     assert not any("descriptors" in text for text, _ in read)
 
 
-def test_removed_rows_are_dropped_when_they_are_a_quarter(library, path):
+def test_removed_rows_are_dropped_once_they_are_a_quarter_of_the_table(library, path):
     ids = [add(library, (number, 0, 0), "a" if number % 2 else None) for number in range(16)]
     index = SearchIndex()
-    held(library, index)
+    snapshot_of(library, index)
     for shape_id in ids[3:7]:
         library.remove(shape_id)
-    kept = held(library, index)
+    kept = snapshot_of(library, index)
     assert (len(kept), len(kept.seqs), len(kept.excluded)) == (12, 16, 4)
     assert (kept.gallery.codes[3:7] == UNLABELLED).all()
     assert np.isinf(kept.distances(np.zeros(WIDTH, np.float32), MOMENTS)).nonzero()[0].tolist() == [3, 4, 5, 6]
     library.remove(ids[0])
     add(library, (50, 0, 0), "b")
-    dropped = held(library, index)
+    dropped = snapshot_of(library, index)
     assert (len(dropped), len(dropped.seqs), len(dropped.excluded)) == (12, 12, 0)
     assert dropped.gallery.vectors[:, 0].tolist() == [1, 2, *range(7, 16), 50]
     assert [dropped.gallery.label(row) for row in range(12)] == ["a", None, *["a", None] * 4, "a", "b"]
     check(library, path)
 
 
-def test_all_shapes_may_go_and_others_come(library, path):
+def test_all_shapes_can_be_removed_and_others_added(library, path):
     ids = [add(library, (number, 0, 0), "a") for number in range(3)]
     check(library, path)
     for shape_id in ids:
@@ -216,62 +216,62 @@ def test_all_shapes_may_go_and_others_come(library, path):
     check(library, path)
 
 
-def test_a_shape_that_came_and_went_between_two_queries_leaves_nothing(library, path):
+def test_a_shape_added_and_removed_between_two_queries_is_not_found(library, path):
     add(library, (1, 0, 0))
     check(library, path)
     library.remove(add(library, (2, 0, 0), "a"))
     check(library, path)
 
 
-def test_more_answers_than_a_statement_names_keep_their_order(library, path):
+def test_more_results_than_one_sql_statement_fetches_are_sorted(library, path):
     with library.store.write() as connection:
         for number in range(shape_rows.MAX_PAGE + 20):
             insert(connection, (number % 7, number % 5, 0), f"class {number % 11}")
     check(library, path)
 
 
-def test_a_vector_is_what_the_measure_makes_of_weighted_descriptors(library):
+def test_a_vector_is_the_weighted_concatenation_of_its_descriptors(library):
     weighted = VectorMeasure("both", parts=(("surface_moments", 0.3), ("moments", 1 / 7)))
     random = np.random.default_rng(0)
     wanted = []
     with library.store.write() as connection:
-        for _ in range(600):  # of several chunks
+        for _ in range(600):  # so many that they are read in several chunks
             ours = random.normal(size=WIDTH), random.normal(size=5)
             insert(connection, ours[0], surface_moments=ours[1])
             wanted.append(weighted.vector({"moments": ours[0], "surface_moments": ours[1]}))
-    add(library, (1, 2, 3))  # without the other descriptor: it cannot be compared
-    found = held(library, SearchIndex(), IndexKey(weighted, KEY.parameters, KEY.version))
+    add(library, (1, 2, 3))  # lacks the other descriptor, so it cannot be compared
+    found = snapshot_of(library, SearchIndex(), IndexKey(weighted, KEY.parameters, KEY.version))
     assert np.array_equal(found.gallery.vectors, np.stack(wanted))
 
 
-def test_a_stored_shape_that_lacks_the_descriptor_is_named(library):
+def test_a_query_by_a_shape_without_the_descriptor_names_the_shape(library):
     shape_id = add(library, (1, 2, 3))
     with pytest.raises(NotFoundError, match=f"{shape_id}.*spectrum"):
         library.rank(shape_id, measure="spectrum")
 
 
 @pytest.mark.parametrize("before", [0, 1, 300])
-def test_descriptors_of_different_lengths_are_a_store_error_and_spoil_nothing(library, path, before):
+def test_a_descriptor_of_another_length_is_a_store_error_until_it_is_removed(library, path, before):
     with library.store.write() as connection:
         for number in range(before):
             insert(connection, (number, 0, 0))
     loaded, fresh = SearchIndex(), SearchIndex()
-    good = held(library, loaded)
+    good = snapshot_of(library, loaded)
     longer = add(library, (1, 2, 3, 4))
     add(library, (7, 7, 7), "late")
     for index in (loaded, fresh):
         with pytest.raises(StoreError, match="stored descriptor"):
-            held(library, index)
+            snapshot_of(library, index)
     library.remove(longer)
     for index in (loaded, fresh):
-        again = held(library, index)
+        again = snapshot_of(library, index)
         assert again.gallery.vectors[:, 0].tolist() == [*range(before), 7]
         assert (len(again), again.gallery.labels) == (before + 1, ("late",))
     assert len(good) == before
     check(library, path)
 
 
-def test_a_store_put_back_to_an_earlier_state_is_read_anew(library, path, tmp_path):
+def test_a_store_reset_to_an_earlier_state_is_read_again(library, path, tmp_path):
     add(library, (1, 0, 0), "a")
     check(library, path)
     copy, live = sqlite3.connect(tmp_path / "copy.db"), sqlite3.connect(path)
@@ -285,7 +285,7 @@ def test_a_store_put_back_to_an_earlier_state_is_read_anew(library, path, tmp_pa
     assert len(library) == 1
 
 
-def test_those_who_ask_while_a_table_is_read_wait_for_it(library):
+def test_simultaneous_queries_load_a_table_once(library):
     with library.store.write() as connection:
         for number in range(50):
             insert(connection, (number, 0, 0))
@@ -295,7 +295,7 @@ def test_those_who_ask_while_a_table_is_read_wait_for_it(library):
 
     def ask(_):
         start.wait()
-        return held(library, index)
+        return snapshot_of(library, index)
 
     with ThreadPoolExecutor(6) as pool:
         found = list(pool.map(ask, range(6)))
@@ -303,8 +303,8 @@ def test_those_who_ask_while_a_table_is_read_wait_for_it(library):
     assert sum("descriptors" in statement for statement in reads) == 1
 
 
-def test_answers_are_of_one_moment_while_threads_change_everything(path):
-    """Names tell vectors, and a shape's label is that of its first number: every answer must agree with itself."""
+def test_answers_are_consistent_while_threads_change_the_library(path):
+    """A shape's name is its vector, and its label depends on the vector, so every answer can be checked by itself."""
     query = signature((0, 0, 0))
     with Library(str(path)) as one, Library(str(path)) as two:
         for number in range(20):
@@ -346,11 +346,11 @@ def test_answers_are_of_one_moment_while_threads_change_everything(path):
             check(library, path)
 
 
-def test_tables_that_nothing_is_in_are_not_kept_and_others_are_few(library):
+def test_empty_tables_are_not_cached_and_others_only_up_to_a_limit(library):
     add(library, (1.0, 2.0, 3.0))
     index = SearchIndex()
     with library.store.read() as connection:
-        for samples in range(100, 400):  # anybody may ask for any parameters
+        for samples in range(100, 400):  # clients may ask for any parameters
             key = IndexKey(MOMENTS, Parameters(samples=samples).to_json(), ALGORITHM_VERSION)
             assert len(index.snapshot(connection, key).seqs) == 0
         assert len(index) == 0

@@ -1,4 +1,4 @@
-"""API keys in the store: what is kept of them, and which texts are recognised."""
+"""API keys in the store: the stored fields, and the recognition of keys."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_no_two_keys_are_the_same(library):
     assert len({text.split("_", 2)[2] for text in texts}) == 20
 
 
-def test_a_text_that_differs_anywhere_is_no_key(library):
+def test_a_key_that_differs_in_one_character_is_not_recognised(library):
     record, text = made(library)
     other, other_text = made(library)
     secret, other_secret = (each.split("_", 2)[2] for each in (text, other_text))
@@ -69,7 +69,7 @@ def test_a_text_that_differs_anywhere_is_no_key(library):
     assert [each for each in wrong if found(library, each)] == []
 
 
-def test_keys_are_listed_in_order_and_a_revoked_one_is_never_recognised_again(library):
+def test_keys_are_listed_in_order_and_a_revoked_key_is_not_recognised(library):
     first, text = made(library, "first")
     second, _ = made(library, "second", "write")
     assert library.keys.all() == [first, second]
@@ -83,12 +83,12 @@ def test_keys_are_listed_in_order_and_a_revoked_one_is_never_recognised_again(li
     assert found(library, text) is None
 
 
-def test_a_key_that_is_not_there_cannot_be_revoked(library):
+def test_revoking_an_unknown_key_raises_not_found(library):
     with pytest.raises(NotFoundError, match="no key nobody"):
         library.keys.revoke("nobody")
 
 
 @pytest.mark.parametrize(("name", "scope"), [("", "read"), ("x" * 201, "read"), ("two\nlines", "read"), ("x", "god")])
-def test_a_key_without_a_proper_name_or_scope_is_refused(library, name, scope):
+def test_a_key_with_an_invalid_name_or_scope_is_refused(library, name, scope):
     with pytest.raises(ParameterError):
         made(library, name, scope)

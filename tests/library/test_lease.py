@@ -1,4 +1,4 @@
-"""One server runs the jobs of a library, and the lease ends with it."""
+"""The lease of a library: only one process holds it, and it ends with that process."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ input()
 """
 
 
-def test_a_second_lease_is_refused_by_the_name_of_the_first(tmp_path):
+def test_a_second_lease_is_refused_with_the_id_of_the_first_process(tmp_path):
     url = str(tmp_path / "library.db")
     with Lease(url), pytest.raises(StoreInUseError, match=f"process {os.getpid()}"):
         Lease(url)
-    with Lease(url), Library(url) as library:  # which others may read and write meanwhile
+    with Lease(url), Library(url) as library:  # the lease does not prevent reading and writing
         assert len(library) == 0
 
 
-def test_a_lease_ends_with_its_process_however_that_ends(tmp_path):
+def test_a_lease_ends_when_its_process_is_killed(tmp_path):
     url = str(tmp_path / "library.db")
     with subprocess.Popen([sys.executable, "-c", HOLD, url], stdout=subprocess.PIPE, stdin=subprocess.PIPE) as other:
         assert other.stdout is not None
@@ -43,7 +43,7 @@ def test_a_lease_ends_with_its_process_however_that_ends(tmp_path):
     Lease(url).close()
 
 
-def test_a_link_to_a_library_is_no_other_library(tmp_path):
+def test_a_link_to_a_library_has_the_same_lease(tmp_path):
     link = tmp_path / "elsewhere" / "link.db"
     link.parent.mkdir()
     link.symlink_to(tmp_path / "library.db")
@@ -51,11 +51,11 @@ def test_a_link_to_a_library_is_no_other_library(tmp_path):
         Lease(str(link))
 
 
-def test_libraries_that_are_no_file_are_leased_to_everybody():
+def test_libraries_in_memory_have_no_lease():
     with Lease("sqlite://"), Lease("sqlite://"):
         pass
 
 
-def test_a_folder_that_is_not_there_is_told(tmp_path):
+def test_a_lease_in_a_missing_folder_is_a_store_error(tmp_path):
     with pytest.raises(StoreError, match="No such file"):
         Lease(str(tmp_path / "nowhere" / "library.db"))

@@ -1,4 +1,4 @@
-"""The library: what is added is found, ranked and removed, on a real SQLite file."""
+"""The library on a real SQLite file: adding, finding, ranking and removing shapes."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from unbend.library.shape_rows import MAX_PAGE
 from unbend.library.storage import schema
 from unbend.matching.classification import CLASSIFIERS
 from unbend.matching.measures import MEASURES, VECTOR_MEASURES
+from unbend.matching.rerank import SHORTLIST
 from unbend.mesh.shapes import cylinder, s_bend, sheet, sphere, spiral, torus
 
 FEW = Parameters(samples=40)
@@ -25,7 +26,7 @@ GRID = {"columns": 12, "rows": 6}
 BENT = {"flat": sheet(**GRID), "rolled": cylinder(**GRID), "wound": spiral(**GRID)}
 ROUND = {"ball": sphere(subdivisions=1), "marble": sphere(subdivisions=2)}
 
-KINDS = 6  # of descriptors that a signature carries
+KINDS = 6  # number of descriptors of a signature
 
 
 def fill(library: Library) -> dict[str, str]:
@@ -39,7 +40,7 @@ def fill(library: Library) -> dict[str, str]:
 
 
 def tables(path) -> dict[str, int]:
-    """How many rows each table of a library's file has."""
+    """Return the number of rows of each table of a library's file."""
     connection = sqlite3.connect(path)
     try:
         names = ("shapes", "signatures", "descriptors", "meshes", "jobs")
@@ -50,12 +51,12 @@ def tables(path) -> dict[str, int]:
 
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory):
-    """A library that tests only look at, and its ids by name."""
+    """A library that no test changes, and the ids of its shapes by name."""
     with Library(str(tmp_path_factory.mktemp("filled") / "library.db")) as opened:
         yield opened, fill(opened)
 
 
-def test_what_is_added_is_told_again_in_full(library):
+def test_an_added_shape_is_returned_with_all_its_fields(library):
     data = ply(torus(columns=12, rows=8))
     record = library.add(data, name="ring", label="torus", metadata={"scanner": "A", "n": [1, None]}, parameters=FEW)
     assert library.get(record.id) == record
@@ -68,7 +69,7 @@ def test_what_is_added_is_told_again_in_full(library):
     assert len(library) == 1
 
 
-def test_a_path_gives_its_name_and_bytes_give_none(library, tmp_path):
+def test_a_shape_added_by_path_is_named_after_its_file(library, tmp_path):
     (tmp_path / "my torus.v2.ply").write_bytes(small_mesh(0))
     assert library.add(tmp_path / "my torus.v2.ply", parameters=FEW).name == "my torus.v2"
     assert library.add(small_mesh(1), parameters=FEW).name == "unnamed"
@@ -88,7 +89,7 @@ def test_a_stored_signature_equals_the_computed_one(library):
         assert getattr(read, field) == getattr(computed, field)
 
 
-def test_the_same_bytes_and_parameters_are_stored_once(library, path):
+def test_a_repeated_mesh_with_equal_parameters_is_stored_once(library, path):
     first = library.add(small_mesh(0), name="first", label="a", parameters=FEW)
     again = library.add(small_mesh(0), name="again", label="b", parameters=FEW)
     assert again == first
@@ -103,7 +104,7 @@ def test_the_same_bytes_and_parameters_are_stored_once(library, path):
     }
 
 
-def test_the_same_bytes_read_otherwise_are_another_shape_that_is_compared_with_the_first(library, path):
+def test_a_mesh_read_by_another_policy_is_another_comparable_shape(library, path):
     data = ply(two_rings(0))
     largest = library.add(data, parameters=FEW)
     bridged = library.add(data, parameters=FEW, policy=MeshPolicy(components="bridge"))
@@ -124,19 +125,19 @@ def test_the_same_bytes_read_otherwise_are_another_shape_that_is_compared_with_t
     assert library.mesh(bridged.id) == data
 
 
-def test_a_mesh_that_the_policy_refuses_is_not_stored(library, path):
+def test_a_mesh_refused_by_its_policy_is_not_stored(library, path):
     with pytest.raises(MeshGeometryError, match="2 components"):
         library.add(ply(two_rings(0)), policy=MeshPolicy(components="error"))
     assert set(tables(path).values()) == {0}
 
 
-def test_a_mesh_that_cannot_be_used_leaves_nothing(library, path):
+def test_a_damaged_mesh_is_not_stored(library, path):
     with pytest.raises(MeshReadError, match="ends early"):
         library.add(DAMAGED)
     assert set(tables(path).values()) == {0}
 
 
-def test_pages_hold_every_shape_once_in_the_order_of_adding(library):
+def test_pages_contain_every_shape_once_in_order_of_addition(library):
     ids = [library.add(small_mesh(number), parameters=FEW).id for number in range(5)]
     seen, cursor, sizes = [], None, []
     while True:
@@ -151,7 +152,7 @@ def test_pages_hold_every_shape_once_in_the_order_of_adding(library):
     assert library.page(limit=5).next_cursor is None
 
 
-def test_a_page_is_where_it_was_when_shapes_come_and_go_before_it(library):
+def test_the_next_page_is_stable_when_shapes_are_added_and_removed(library):
     ids = [library.add(small_mesh(number), parameters=FEW).id for number in range(4)]
     first = library.page(limit=2)
     library.remove(ids[0])
@@ -160,7 +161,7 @@ def test_a_page_is_where_it_was_when_shapes_come_and_go_before_it(library):
     assert [record.id for record in rest.items] == [ids[2], ids[3], last]
 
 
-def test_pages_can_be_of_one_label(filled):
+def test_pages_can_be_filtered_by_label(filled):
     library, ids = filled
     first = library.page(label="sheet", limit=2)
     rest = library.page(label="sheet", limit=2, cursor=first.next_cursor)
@@ -169,7 +170,7 @@ def test_pages_can_be_of_one_label(filled):
     assert library.page(label="none of these").items == []
 
 
-def test_a_page_has_no_more_than_its_maximum(library):
+def test_a_page_has_a_maximal_size(library):
     record = library.add(small_mesh(0), parameters=FEW)
     with library.store.write() as connection:
         insert_many(connection, record.id, MAX_PAGE)
@@ -179,7 +180,7 @@ def test_a_page_has_no_more_than_its_maximum(library):
 
 
 def insert_many(connection, shape_id: str, count: int) -> None:
-    """Copies of a shape, made in the store, for they would take long to compute."""
+    """Copy the row of a shape, which is faster than computing shapes."""
     signature, shape = (
         dict(connection.execute(select(table)).mappings().one()) for table in (schema.signatures, schema.shapes)
     )
@@ -192,7 +193,7 @@ def insert_many(connection, shape_id: str, count: int) -> None:
 
 
 @pytest.mark.parametrize("cursor", ["", "x", "-1", "1.5", "9" * 30, "1 OR 1"])
-def test_a_cursor_of_our_own_making_is_needed(library, cursor):
+def test_an_invalid_cursor_raises_parameter_error(library, cursor):
     with pytest.raises(ParameterError, match="cursor"):
         library.page(cursor=cursor)
 
@@ -224,13 +225,13 @@ def test_a_shape_cannot_lose_its_name(library):
         library.change(record.id, {"name": None})
 
 
-def test_metadata_must_be_something_that_json_can_hold(library):
+def test_metadata_that_json_cannot_represent_is_refused(library):
     for value in (object(), float("nan"), {1, 2}):
         with pytest.raises(ParameterError, match="metadata"):
             library.add(small_mesh(0), metadata={"value": value}, parameters=FEW)
 
 
-def test_removal_deletes_the_bytes_unless_another_shape_needs_them(library, path):
+def test_removal_deletes_the_mesh_file_unless_another_shape_needs_it(library, path):
     first = library.add(small_mesh(0), parameters=FEW)
     second = library.add(small_mesh(0), parameters=Parameters(samples=41))
     library.remove(first.id)
@@ -242,24 +243,24 @@ def test_removal_deletes_the_bytes_unless_another_shape_needs_them(library, path
 
 
 @pytest.mark.parametrize("call", ["get", "mesh", "signature", "remove", "rank", "nearest", "classify"])
-def test_a_shape_that_is_not_there_is_not_found(filled, call):
+def test_an_unknown_shape_raises_not_found(filled, call):
     with pytest.raises(NotFoundError, match="no shape nobody"):
         getattr(filled[0], call)("nobody")
 
 
-def test_changing_a_shape_that_is_not_there_is_not_found(filled):
+def test_changing_an_unknown_shape_raises_not_found(filled):
     for changes in ({"name": "x"}, {}):
         with pytest.raises(NotFoundError, match="no shape nobody"):
             filled[0].change("nobody", changes)
 
 
-def test_labels_are_counted_and_unlabelled_shapes_are_not(filled):
+def test_labels_are_counted_without_unlabelled_shapes(filled):
     assert filled[0].labels() == {"sheet": 3, "sphere": 2}
     assert len(filled[0]) == 6
 
 
 @pytest.mark.parametrize("measure", VECTOR_MEASURES)
-def test_shapes_are_ranked_by_their_distance_as_compare_has_it(filled, measure):
+def test_shapes_are_ranked_by_the_distance_of_compare(filled, measure):
     library, ids = filled
     query = compute_signature(torus(columns=14, rows=7), FEW)
     ranking = library.rank(query, measure=measure, k=100)
@@ -290,22 +291,22 @@ def test_k_limits_the_shapes_but_not_the_classes(filled):
             library.rank(ids["flat"], k=k)
 
 
-def test_a_stored_shape_is_not_among_its_own_answers_but_its_signature_is(filled):
+def test_a_query_by_id_excludes_the_shape_but_a_query_by_its_signature_finds_it(filled):
     library, ids = filled
     assert sorted(match.id for match in library.nearest(ids["flat"], 100)) == sorted(set(ids.values()) - {ids["flat"]})
     found = library.nearest(library.signature(ids["flat"]), 1)[0]
     assert (found.id, found.distance) == (ids["flat"], 0.0)
 
 
-def test_a_bent_sheet_is_known_as_a_sheet_and_a_torus_as_nothing(filled):
+def test_a_bent_sheet_is_recognised_as_a_sheet_and_a_torus_as_unknown(filled):
     library, ids = filled
     rankings = [library.rank(ids[name]) for name in ("flat", "rolled", "wound")]
     assert {ranking.classes[0].label for ranking in rankings} == {"sheet"}
-    assert sum(ranking.known is True for ranking in rankings) >= 2  # the two that are nearest each other, at least
+    assert sum(ranking.known is True for ranking in rankings) >= 2  # at least the two that are nearest to each other
     assert library.rank(ids["ring"]).known is False
 
 
-def test_nothing_is_known_where_the_nearest_class_has_one_member_or_there_is_none(library):
+def test_known_is_none_if_the_nearest_class_has_fewer_than_two_members(library):
     query = compute_signature(sphere(subdivisions=1), FEW)
     assert library.rank(query).as_dict() == {
         "measure": "spectrum",
@@ -332,7 +333,7 @@ def test_a_lone_shape_has_no_neighbours(library):
     }
 
 
-def test_shapes_of_other_parameters_take_no_part(library):
+def test_shapes_with_other_parameters_are_not_found(library):
     few = library.add(small_mesh(0), label="few", parameters=FEW)
     many = library.add(small_mesh(0), label="many", parameters=Parameters(samples=41))
     other = library.add(small_mesh(1), label="many", parameters=Parameters(samples=41))
@@ -351,20 +352,20 @@ def test_an_unknown_measure_is_refused(filled):
 
 
 def test_evaluation_is_leave_one_out_over_labelled_shapes(filled):
-    metrics, told = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
-    assert metrics == told.metrics
+    metrics, reported = filled[0].evaluate(parameters=FEW), filled[0].evaluation(parameters=FEW)
+    assert metrics == reported.metrics
     assert (metrics.nn, metrics.ft, metrics.map) == (1.0, 1.0, 1.0)
-    assert (told.queries, told.labels) == (5, ("sheet", "sphere"))
-    assert told.confusion.tolist() == [[3, 0], [0, 2]]
+    assert (reported.queries, reported.labels) == (5, ("sheet", "sphere"))
+    assert reported.confusion.tolist() == [[3, 0], [0, 2]]
 
 
-def test_a_large_library_asks_some_of_all(filled, monkeypatch):
+def test_the_evaluation_of_a_large_library_uses_a_sample_of_queries(filled, monkeypatch):
     monkeypatch.setattr(overview, "_PAIRS", 15)
-    told = filled[0].evaluation(parameters=FEW)
-    assert (told.queries, told.metrics.nn) == (3, 1.0)
+    reported = filled[0].evaluation(parameters=FEW)
+    assert (reported.queries, reported.metrics.nn) == (3, 1.0)
 
 
-def test_the_map_has_a_place_for_every_shape_by_signature_and_as_it_stands(filled):
+def test_the_map_places_every_shape_by_signature_and_by_original_surface(filled):
     library, ids = filled
     found = library.map(parameters=FEW)
     assert {(item.name, item.label) for item in found.items} == {
@@ -386,7 +387,7 @@ def test_the_map_has_a_place_for_every_shape_by_signature_and_as_it_stands(fille
     assert 0 <= found.original_stress < 0.05
 
 
-def test_the_map_of_squared_distances_is_the_papers(filled):
+def test_the_map_of_squared_distances_equals_section_2_3(filled):
     """[D_M]_ij = |M_i - M_j|^2, of moments (section 2.3)."""
     library, ids = filled
     found = library.map("moments", parameters=FEW, distance="squared_l2")
@@ -402,8 +403,8 @@ def test_the_map_of_squared_distances_is_the_papers(filled):
         library.map("moments", parameters=FEW, distance="l2")
 
 
-def test_a_map_shows_no_more_than_asked_for_and_follows_the_library(filled):
-    library, ids = filled
+def test_a_map_respects_its_limit_and_follows_changes(library):
+    ids = fill(library)
     few = library.map("moments", parameters=FEW, dimensions=3, limit=4)
     assert (len(few.items), few.count, len(few.items[0].point)) == (4, 6, 3)
     library.remove(ids["ring"])
@@ -417,7 +418,7 @@ def test_a_map_shows_no_more_than_asked_for_and_follows_the_library(filled):
 
 
 @pytest.mark.parametrize("classifier", CLASSIFIERS)
-def test_every_classifier_knows_a_bent_sheet(filled, classifier):
+def test_every_classifier_recognises_a_bent_sheet(filled, classifier):
     library, _ = filled
     query = compute_signature(s_bend(**GRID), FEW)
     ranked = library.rank(query, classifier=classifier)
@@ -436,9 +437,9 @@ def test_answers_do_not_depend_on_the_order_of_the_library(tmp_path, measure):
         with Library(str(tmp_path / f"{way}.db")) as library:
             for name, (surface, label) in list(enumerate(zip(members, labels, strict=True)))[::way]:
                 library.add(ply(surface), name=str(name), label=label, parameters=FEW)
-            told = [library.rank(query, measure=measure, classifier=classifier, k=20) for classifier in CLASSIFIERS]
-            found.append([([(m.name, m.distance) for m in of.shapes], of.known) for of in told])
-            found[-1] += [[(c.label, pytest.approx(c.confidence, rel=1e-9)) for c in of.classes] for of in told]
+            reported = [library.rank(query, measure=measure, classifier=classifier, k=20) for classifier in CLASSIFIERS]
+            found.append([([(m.name, m.distance) for m in of.shapes], of.known) for of in reported])
+            found[-1] += [[(c.label, pytest.approx(c.confidence, rel=1e-9)) for c in of.classes] for of in reported]
     assert found[0] == found[1]
 
 
@@ -449,7 +450,7 @@ def test_an_unknown_classifier_is_refused(filled):
 
 
 @pytest.mark.parametrize("measure", ["rigid", "hausdorff"])
-def test_measures_of_whole_pairs_put_the_nearest_in_order(filled, measure):
+def test_pair_measures_reorder_the_nearest_shapes(filled, measure):
     library, ids = filled
     query = compute_signature(s_bend(**GRID), FEW)
     plain, anew = library.rank(query, k=5), library.rank(query, measure=measure, k=5)
@@ -462,14 +463,25 @@ def test_measures_of_whole_pairs_put_the_nearest_in_order(filled, measure):
         library.rank(query, measure=measure, k=101)
 
 
-def test_evaluation_needs_labelled_shapes_of_its_parameters(filled, library):
+def test_a_pair_measure_chooses_the_nearest_of_the_whole_short_list(filled):
+    library, ids = filled
+    changed = 0
+    for name in ids:
+        for measure in ("rigid", "hausdorff"):
+            (first,) = library.rank(ids[name], measure=measure, k=1).shapes
+            assert first == library.rank(ids[name], measure=measure, k=SHORTLIST).shapes[0]
+            changed += first.id != library.rank(ids[name], k=1).shapes[0].id
+    assert changed
+
+
+def test_an_evaluation_without_labelled_shapes_is_refused(filled, library):
     with pytest.raises(ParameterError, match="two members"):
         filled[0].evaluate()
     with pytest.raises(ParameterError, match="two members"):
         library.evaluate(parameters=FEW)
 
 
-def test_the_index_stays_true_through_every_change(library, path):
+def test_the_index_is_correct_after_every_change(library, path):
     query = compute_signature(sphere(subdivisions=1), FEW)
 
     def agrees() -> None:
@@ -488,7 +500,7 @@ def test_the_index_stays_true_through_every_change(library, path):
     library.remove(ids["ball"])
     agrees()
     assert len(library.nearest(query, 100)) == 5
-    library.remove(ids["ring"])  # the last one added, whose place in the order must not come again
+    library.remove(ids["ring"])  # the shape added last, whose sequence number must not be reused
     library.add(small_mesh(3), name="new", parameters=FEW)
     agrees()
     assert "new" in [match.name for match in library.nearest(query, 100)]
@@ -508,7 +520,7 @@ def test_two_libraries_on_one_file_see_each_others_changes(path):
         assert two.add(small_mesh(1), parameters=FEW) == one.get(second.id)
 
 
-def test_threads_may_add_and_ask_at_the_same_time(library):
+def test_threads_can_add_and_query_at_the_same_time(library):
     from concurrent.futures import ThreadPoolExecutor
 
     query = compute_signature(sphere(subdivisions=1), FEW)
@@ -524,7 +536,7 @@ def test_threads_may_add_and_ask_at_the_same_time(library):
     assert sorted(match.name for match in library.nearest(query, 100)) == list("012345")
 
 
-def test_a_library_opened_again_holds_what_it_held(path):
+def test_a_reopened_library_gives_the_same_answers(path):
     with Library(str(path)) as library:
         ids = fill(library)
         before = library.rank(ids["flat"])

@@ -1,4 +1,4 @@
-"""What is remembered of a store is true at every look, whoever wrote since."""
+"""The cache of reads: it is valid until any process writes to the store."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def counted(library: Library, looks: list[int]):
     return asyncio.run(fetch())
 
 
-def test_a_question_is_asked_once_until_somebody_writes(tmp_path):
+def test_a_read_is_cached_until_any_process_writes(tmp_path):
     path, looks = tmp_path / "library.db", []
     with Library(str(path)) as library, Library(str(path)) as other:
         assert [counted(library, looks) for _ in range(3)] == [0, 0, 0]
@@ -52,7 +52,7 @@ def test_a_library_in_memory_forgets_no_write():
         assert asyncio.run(library.keys.find_async(text)) == (None, False)
 
 
-def test_what_was_not_written_in_the_end_changes_nothing(tmp_path):
+def test_a_rolled_back_write_does_not_invalidate_the_cache(tmp_path):
     looks: list[int] = []
     with Library(str(tmp_path / "library.db")) as library:
         assert counted(library, looks) == 0

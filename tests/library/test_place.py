@@ -1,4 +1,4 @@
-"""The file of a library: removed, replaced, and on a disk that fills."""
+"""The file of a library when it is removed or replaced, and when its disk fills."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def lose_the_log(path):
 
 
 @pytest.mark.parametrize("harm", [remove, rename, replace, lose_the_log])
-def test_a_file_that_is_not_the_one_that_was_opened_takes_and_gives_nothing(library, tmp_path, harm):
+def test_a_library_whose_file_was_removed_or_replaced_refuses_all_calls(library, tmp_path, harm):
     add(library, b"one", "one")
     harm(tmp_path / "library.db")
     for call in (partial(add, library, b"two", "two"), library.page, partial(library.change, "x", {"name": "n"})):
@@ -47,7 +47,7 @@ def test_a_file_that_is_not_the_one_that_was_opened_takes_and_gives_nothing(libr
             call()
 
 
-def test_a_change_to_a_file_that_is_removed_meanwhile_is_not_acknowledged(library, tmp_path):
+def test_a_change_fails_if_the_file_is_removed_during_the_change(library, tmp_path):
     def change(connection):
         insert(connection, b"one", "one")
         (tmp_path / "library.db").unlink()
@@ -57,7 +57,7 @@ def test_a_change_to_a_file_that_is_removed_meanwhile_is_not_acknowledged(librar
 
 
 @pytest.mark.parametrize("harm", [remove, lose_the_log])
-def test_a_library_behind_a_link_is_watched_where_it_lies(tmp_path, harm):
+def test_a_library_opened_by_a_link_is_checked_at_its_real_path(tmp_path, harm):
     (tmp_path / "real").mkdir()
     (tmp_path / "link.db").symlink_to(tmp_path / "real" / "library.db")
     with Library(str(tmp_path / "link.db")) as library:
@@ -69,17 +69,17 @@ def test_a_library_behind_a_link_is_watched_where_it_lies(tmp_path, harm):
             library.page()
 
 
-def test_an_upload_that_is_refused_does_not_cost_the_reserve(library, tmp_path):
+def test_a_refused_upload_does_not_use_the_reserved_space(library, tmp_path):
     library.disk.reserve(2**20)
     with (tmp_path / "library.db-reserve").open("rb") as reserve:
         with pytest.raises(StoreFullError):
             library.store.change(lambda _: library.disk.admit_upload(2**60))
-        assert os.fstat(reserve.fileno()).st_nlink == 1  # it is there, and was all the time
+        assert os.fstat(reserve.fileno()).st_nlink == 1  # the file was never removed
 
 
 @pytest.fixture
 def disk(tmp_path):
-    """A disk of its own, of 24 MB."""
+    """The folder of a mounted disk of 24 MB."""
     folder = tmp_path / "disk"
     folder.mkdir()
     try:
@@ -92,22 +92,22 @@ def disk(tmp_path):
 LARGE = 4 * 2**20
 
 
-def test_a_full_disk_refuses_what_does_not_fit_and_lets_shapes_be_removed(disk):
+def test_a_full_disk_refuses_large_shapes_but_allows_removals(disk):
     with Library(str(disk / "library.db")) as library:
         library.disk.reserve(6 * 2**20)
         large = add(library, bytes(LARGE), "large")
-        (disk / "other").write_bytes(bytes(library.disk.free() - 6 * 2**20))  # somebody else fills what is left
+        (disk / "other").write_bytes(bytes(library.disk.free() - 6 * 2**20))  # another program fills the rest
         with pytest.raises(StoreFullError):
             library.disk.admit_upload(LARGE)
         with pytest.raises(StoreFullError), library.store.write() as connection:
             insert(connection, bytes(3 * LARGE), "more")
-        library.remove(large.id)  # overwrites as much as it takes away
+        library.remove(large.id)  # needs space in the log to overwrite the content
         assert len(library) == 0
-        library.disk.admit_upload(LARGE // 2)  # where the shape was
+        library.disk.admit_upload(LARGE // 2)  # fits into the space of the removed shape
         add(library, bytes(LARGE // 2), "in its place")
 
 
-def test_jobs_can_begin_as_long_as_uploads_are_taken(disk):
+def test_jobs_can_start_as_long_as_uploads_are_accepted(disk):
     with Library(str(disk / "library.db")) as library, (disk / "other").open("wb", buffering=0) as other:
         library.disk.reserve(6 * 2**20)
 
@@ -119,15 +119,15 @@ def test_jobs_can_begin_as_long_as_uploads_are_taken(disk):
 
         with pytest.raises(StoreFullError):
             fill()
-        library.disk.admit_result()  # for what was taken before
+        library.disk.admit_result()  # there is still space for results of accepted uploads
 
 
-def test_the_reserve_is_made_again_when_there_is_room(disk):
+def test_the_reserved_space_is_restored_when_the_disk_has_space(disk):
     with Library(str(disk / "library.db")) as library:
         library.disk.reserve(6 * 2**20)
         free = library.disk.free()
         other = disk / "other"
-        other.write_bytes(bytes(free - 7 * 2**20))  # one is left
+        other.write_bytes(bytes(free - 7 * 2**20))  # leaves one megabyte beyond the reserve
         shape = add(library, b"small", "small")
         with pytest.raises(StoreFullError):
             library.store.change(lambda connection: insert(connection, bytes(10 * 2**20), "large"))

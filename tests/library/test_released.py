@@ -1,4 +1,4 @@
-"""Libraries that every released version made, as dumps of their own code: opened by this one, and as good as new."""
+"""Libraries of every released version, stored as dumps: this version opens and migrates all of them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def rows_of(path: Path, query: str) -> Rows:
 
 
 def schema(path: Path) -> dict[tuple[str, str], tuple[list[str], Rows]]:
-    """Every table and index, as SQLite has it: columns in their order, and constraints, whose order means nothing."""
+    """Return every table and index: its columns in order, and its constraints in any order."""
     found = rows_of(path, "SELECT type, name, coalesce(sql, '') AS text FROM sqlite_master")
     lines = {(row["type"], row["name"]): [line.strip(" \t,") for line in row["text"].splitlines()] for row in found}
     return {key: (sorted(text), rows_of(path, f"PRAGMA table_info('{key[1]}')")) for key, text in lines.items()}
@@ -49,7 +49,7 @@ def everything(path: Path) -> dict[str, Rows]:
 
 @pytest.fixture
 def old(tmp_path, request) -> Path:
-    """The library of a released version, by its revision."""
+    """The path of a library of the revision that the test is parametrized with."""
     path = tmp_path / f"{request.param}.db"
     with closing(sqlite3.connect(path)) as connection:
         connection.executescript((RELEASED / f"{request.param}.sql").read_text(encoding="utf-8"))
@@ -65,7 +65,7 @@ def fresh(tmp_path_factory) -> Path:
 
 
 def reading(old: Path) -> MeshPolicy:
-    """How a library of that revision read by default."""
+    """Return the default policy of a library of that revision."""
     return MeshPolicy(seams="stitch" if old.stem >= "0007" else "keep")
 
 
@@ -77,7 +77,7 @@ def test_every_revision_of_the_schema_has_a_dump():
 
 
 @each
-def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh):
+def test_a_migration_gives_the_current_schema_and_keeps_every_row(old, fresh):
     before = everything(old)
     assert len(before["shapes"]) == 2
     assert {row["state"] for row in before["jobs"]} == {"queued", "running", "succeeded", "failed", "cancelled"}
@@ -88,7 +88,7 @@ def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh
     assert rows_of(old, "PRAGMA foreign_key_check") == []
     after = everything(old)
     for table, rows in before.items():
-        # but for the count of a table that is new
+        # the new table of labels adds a row to sqlite_sequence
         kept_rows = [row for row in after[table] if row.get("name") != "labels" or row in rows]
         for earlier, later in zip(rows, kept_rows, strict=True):
             kept = earlier.keys() - {"policy", "epoch"} - ({"result", "request"} if table == "jobs" else set())
@@ -99,7 +99,7 @@ def test_the_schema_becomes_that_of_a_new_library_and_every_row_stays(old, fresh
 
 
 @each
-def test_every_shape_can_be_read_searched_changed_and_removed(old):
+def test_every_shape_of_an_old_library_can_be_read_searched_changed_and_removed(old):
     stored = rows_of(
         old,
         "SELECT shapes.*, meshes.data, payload FROM shapes JOIN signatures ON signatures.id = signature_id"
@@ -134,19 +134,19 @@ _STORED = ("kind", "state", "stage", "progress", "attempts", "restarts", "seq", 
 
 
 @each
-def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
-    told = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
+def test_every_job_of_an_old_library_is_kept_and_queued_jobs_can_be_computed(old, tmp_path):
+    reported = {row["id"]: row for row in rows_of(old, "SELECT * FROM jobs")}
     with Library(str(old)) as library:
         with library.store.read() as connection:
-            jobs = [job_rows.get_job(connection, job_id) for job_id in told]
-        assert len(jobs) == len(told) == 7
+            jobs = [job_rows.get_job(connection, job_id) for job_id in reported]
+        assert len(jobs) == len(reported) == 7
         for job in jobs:
-            row = told[job.id]
+            row = reported[job.id]
             for name in _STORED:
                 assert getattr(job, name) == row[name]
             assert job.error == json.loads(row["error"] or "null")
             answer = json.loads(row["result"] or "null")
-            if answer is None or old.stem < "0008":  # from then on, it refers to shapes and classes
+            if answer is None or old.stem < "0008":  # since 0008, stored results refer to shapes and classes
                 assert job.result == answer
             else:
                 assert len(job.result["shapes"]) == len(answer["shapes"]) == 2
@@ -160,7 +160,7 @@ def test_every_job_is_there_and_what_waits_can_be_computed(old, tmp_path):
 
 
 @pytest.mark.parametrize("old", ["0006"], indirect=True)
-def test_stl_files_which_were_welded_are_stitched_from_now_on(old):
+def test_the_migration_sets_the_seams_of_stl_files_to_stitch(old):
     with closing(sqlite3.connect(old)) as connection:
         connection.executescript(
             """UPDATE signatures SET report = replace(report, '"file_type": "off"', '"file_type": "stl"') WHERE id = 1;
@@ -174,13 +174,13 @@ def test_stl_files_which_were_welded_are_stitched_from_now_on(old):
 
 
 @pytest.mark.parametrize("old", [revision for revision in DUMPS if revision >= "0005"], indirect=True)
-def test_keys_stay_live_or_revoked(old):
+def test_a_migration_keeps_active_and_revoked_keys(old):
     with Library(str(old)) as library:
         assert {key.name: key.revoked_at is None for key in library.keys.all()} == {"live": True, "revoked": False}
 
 
 @pytest.mark.parametrize("old", DUMPS[:1], indirect=True)
-def test_jobs_that_the_first_version_left_are_run(old):
+def test_unfinished_jobs_of_the_first_version_run_to_success(old):
     waiting = [row["id"] for row in rows_of(old, "SELECT id FROM jobs WHERE state IN ('queued', 'running')")]
     assert len(waiting) == 3
 
@@ -213,12 +213,12 @@ Library(sys.argv[1])
 
 
 @pytest.mark.parametrize(("old", "changes"), [("0001", 9), ("0005", 2)], indirect=["old"])
-def test_a_migration_that_is_killed_half_way_leaves_the_old_library(old, tmp_path, changes):
+def test_a_killed_migration_keeps_the_old_library(old, tmp_path, changes):
     before, untouched = everything(old), tmp_path / "untouched.db"
     shutil.copy(old, untouched)
     killed = subprocess.run([sys.executable, "-c", CUT_OFF, old, str(changes)], env=without_settings(), check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert Path(f"{old}-wal").exists()  # nobody closed it
+    assert Path(f"{old}-wal").exists()  # the killed process did not close the database
     assert schema(old) == schema(untouched)
     assert everything(old) == before
     with Library(str(old)) as library:

@@ -1,4 +1,4 @@
-"""The store: its schema, its migrations, and paths and addresses that are none."""
+"""The store: its schema, its migrations, and invalid paths and URLs."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from unbend.library.requests import ShapeRequest, Upload
 from unbend.library.storage.schema import metadata
 
 FEW = Parameters(samples=40)
-KEEP = MeshPolicy(seams="keep")  # as everything was read before there was stitching
+KEEP = MeshPolicy(seams="keep")  # the policy of all meshes before stitching existed
 
 
 def check_schema(connection: Connection) -> None:
-    """Look at every table for what the code declares."""
+    """Check that every table matches the declarations of the code."""
     context = MigrationContext.configure(connection, opts={"compare_type": True, "compare_server_default": True})
     assert compare_metadata(context, metadata) == []
     seen = inspect(connection)
@@ -49,13 +49,13 @@ def migrate(connection: Connection, move, revision: str) -> None:
     move(config, revision)
 
 
-def test_migrations_make_the_schema_that_the_code_uses(tmp_path):
+def test_migrations_create_the_schema_that_the_code_declares(tmp_path):
     with Library(str(tmp_path / "a.db")) as library, library.store.read() as connection:
         check_schema(connection)
 
 
 def old_library(path: Path) -> None:
-    """A database of the first schema with a stored shape, its job, and a job that waits."""
+    """Create a database of the first schema with a stored shape, its job, and a queued job."""
     made = create_engine(f"sqlite:///{path}")
     with made.begin() as connection:
         migrate(connection, command.upgrade, "0001")
@@ -87,7 +87,7 @@ def about(signature: Signature) -> dict[str, object]:
     return {"version": signature.version, "stress": signature.stress, "payload": pack_signature(signature)}
 
 
-def test_a_library_of_the_first_schema_keeps_what_it_holds_and_knows_it_again(tmp_path):
+def test_a_library_of_the_first_schema_keeps_and_recognises_its_shapes(tmp_path):
     old_library(tmp_path / "a.db")
     with Library(str(tmp_path / "a.db")) as library:
         with library.store.read() as connection:
@@ -109,7 +109,7 @@ def test_a_library_of_the_first_schema_keeps_what_it_holds_and_knows_it_again(tm
 
 
 async def submitted(library: Library, data: bytes):
-    """What a runner that was never started answers to an upload."""
+    """Return the answer to an upload of a runner that was not started."""
     runner = JobRunner(library, workers=1)
     try:
         return await runner.submit_shape(Upload(data, "ply", FEW, KEEP), ShapeRequest("a"))
@@ -117,10 +117,10 @@ async def submitted(library: Library, data: bytes):
         await runner.stop()
 
 
-def test_a_library_can_go_back_to_the_first_schema_and_forth_again(tmp_path):
+def test_a_library_can_be_downgraded_to_the_first_schema_and_upgraded_again(tmp_path):
     with Library(str(tmp_path / "a.db")) as library:
         record = library.add(small_mesh(0), parameters=FEW, policy=KEEP)
-    made = create_engine(f"sqlite:///{tmp_path / 'a.db'}")  # whose driver leaves foreign keys alone
+    made = create_engine(f"sqlite:///{tmp_path / 'a.db'}")  # a plain engine does not enforce foreign keys
     with made.begin() as connection:
         migrate(connection, command.downgrade, "0001")
         columns = {column["name"] for column in inspect(connection).get_columns("signatures")}
@@ -130,7 +130,7 @@ def test_a_library_can_go_back_to_the_first_schema_and_forth_again(tmp_path):
         assert library.add(small_mesh(0), parameters=FEW, policy=KEEP) == record
 
 
-def test_a_library_from_before_revisions_keeps_what_it_holds_and_then_tells_changes(tmp_path):
+def test_a_library_without_revisions_keeps_its_shapes_and_then_tracks_changes(tmp_path):
     path = tmp_path / "a.db"
     with Library(str(path)) as library:
         kept = [library.add(small_mesh(number), label="torus", parameters=FEW) for number in range(3)]
@@ -159,7 +159,7 @@ def test_a_library_from_before_revisions_keeps_what_it_holds_and_then_tells_chan
         assert library.add(small_mesh(3), parameters=FEW).seq > gone.seq
 
 
-def test_policies_that_said_nothing_of_smoothing_stay_the_keys_of_what_was_read_with_them(tmp_path):
+def test_policies_without_smoothing_still_identify_their_shapes(tmp_path):
     policies = [
         KEEP,
         MeshPolicy(components="bridge", max_vertices=50, seams="keep"),
@@ -183,7 +183,7 @@ def test_policies_that_said_nothing_of_smoothing_stay_the_keys_of_what_was_read_
         assert len(library) == len(records)
 
 
-def test_a_library_from_before_keys_has_none_and_can_have_some(tmp_path):
+def test_a_library_without_the_table_of_keys_can_create_keys_after_the_upgrade(tmp_path):
     path = tmp_path / "a.db"
     with Library(str(path)) as library:
         record = library.add(small_mesh(0), parameters=FEW)
@@ -203,21 +203,21 @@ def test_a_library_from_before_keys_has_none_and_can_have_some(tmp_path):
         assert library.keys.find(text) == made_now
 
 
-def test_foreign_keys_are_watched_once_the_migration_is_done(tmp_path):
+def test_foreign_keys_are_enforced_after_the_migration(tmp_path):
     with Library(str(tmp_path / "a.db")) as library:
         library.add(small_mesh(0), parameters=FEW)
         with pytest.raises(IntegrityError, match="FOREIGN KEY"), library.store.write() as connection:
             connection.exec_driver_sql("DELETE FROM meshes")
 
 
-def test_a_place_in_the_order_never_comes_again(tmp_path):
+def test_a_sequence_number_is_never_reused(tmp_path):
     with Library(str(tmp_path / "a.db")) as library:
         first = library.add(small_mesh(0), parameters=FEW)
         library.remove(first.id)
         assert library.add(small_mesh(1), parameters=FEW).seq > first.seq
 
 
-def test_a_store_survives_a_reader_while_it_is_written(tmp_path):
+def test_a_reader_keeps_its_snapshot_while_the_store_is_written(tmp_path):
     with Library(str(tmp_path / "a.db")) as library, library.store.read() as connection:
         connection.exec_driver_sql("SELECT count(*) FROM shapes").scalar()
         library.add(small_mesh(0), parameters=FEW)
@@ -225,7 +225,7 @@ def test_a_store_survives_a_reader_while_it_is_written(tmp_path):
         assert len(library) == 1
 
 
-def test_an_error_inside_a_change_undoes_all_of_it(tmp_path):
+def test_an_error_rolls_a_change_back_completely(tmp_path):
     class Stop(Exception):  # noqa: N818
         pass
 
@@ -242,7 +242,7 @@ def test_an_error_inside_a_change_undoes_all_of_it(tmp_path):
         assert library.get(record.id) == record
 
 
-def test_a_store_of_a_later_version_is_refused_and_left_alone(tmp_path):
+def test_a_store_of_a_later_version_is_refused_unchanged(tmp_path):
     path = tmp_path / "a.db"
     with Library(str(path)) as library:
         library.add(small_mesh(0), parameters=FEW)
@@ -261,17 +261,17 @@ def test_a_store_of_a_later_version_is_refused_and_left_alone(tmp_path):
         assert len(library) == 1
 
 
-def test_a_path_in_a_folder_that_is_not_there_is_a_store_error(tmp_path):
+def test_a_path_in_a_missing_folder_is_a_store_error(tmp_path):
     with pytest.raises(StoreError, match="cannot be opened"):
         Library(str(tmp_path / "nowhere" / "a.db"))
 
 
-def test_a_folder_is_a_store_error(tmp_path):
+def test_a_folder_in_place_of_a_file_is_a_store_error(tmp_path):
     with pytest.raises(StoreError, match="cannot be opened"):
         Library(str(tmp_path))
 
 
-def test_a_file_that_is_no_database_is_a_store_error_and_stays_as_it_is(tmp_path):
+def test_a_file_that_is_not_a_database_is_a_store_error_and_stays_unchanged(tmp_path):
     path = tmp_path / "letter.txt"
     path.write_bytes(b"Dear reader, this is no database at all. " * 100)
     before = path.read_bytes()
@@ -283,25 +283,25 @@ def test_a_file_that_is_no_database_is_a_store_error_and_stays_as_it_is(tmp_path
 @pytest.mark.parametrize(
     "url", ["://nothing", "nosuchdatabase://host/name", "sqlite+nosuchdriver:///a.db", "http://host/x"]
 )
-def test_an_address_of_no_database_we_know_is_refused(url):
+def test_an_unsupported_database_url_is_refused(url):
     with pytest.raises(ParameterError):
         Library(url)
 
 
-def test_the_message_about_a_bad_address_does_not_tell_its_password():
+def test_the_message_about_an_invalid_url_hides_its_password():
     with pytest.raises(ParameterError) as caught:
         Library("nosuchdatabase://user:hunter2@host/name")
     assert "hunter2" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["with space.db", "100%.db", "what?.db", "näme.db", "a#b.db"])
-def test_any_file_name_will_do(tmp_path, name):
+def test_a_library_can_have_any_file_name(tmp_path, name):
     with Library(str(tmp_path / name)) as library:
         library.add(small_mesh(0), parameters=FEW)
     assert (tmp_path / name).is_file()
 
 
-def test_a_closed_library_leaves_one_whole_file(tmp_path):
+def test_a_closed_library_is_a_single_file(tmp_path):
     with Library(str(tmp_path / "a.db")) as library:
         library.add(small_mesh(0), parameters=FEW)
     assert [path.name for path in tmp_path.iterdir()] == ["a.db"]

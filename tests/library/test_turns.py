@@ -1,4 +1,4 @@
-"""Whose job is next: keys take turns, and a place in the queue is what it says."""
+"""The order of the queue: API keys take turns, and the reported positions are correct."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def send(connection, number: int, owner: str | None, data: bytes = b"") -> job_r
     return job_rows.enqueue(connection, key=key, file_type="off", request=request, sender=Sender(owner))
 
 
-def test_sixty_of_one_key_do_not_put_another_back(library):
+def test_many_jobs_of_one_key_do_not_delay_another_key(library):
     with library.store.write() as connection:
         for number in range(60):
             send(connection, number, "a")
@@ -38,7 +38,7 @@ def test_sixty_of_one_key_do_not_put_another_back(library):
     owners=st.lists(st.sampled_from([None, "a", "b", "c"]), min_size=1, max_size=14),
     begun=st.integers(0, 6),
 )
-def test_the_place_of_a_job_is_how_many_are_begun_before_it(tmp_path_factory, owners, begun):
+def test_the_position_of_a_job_is_the_number_of_jobs_that_start_before_it(tmp_path_factory, owners, begun):
     with (
         Library(str(tmp_path_factory.mktemp("turns") / "a.db")) as library,
         library.store.write() as connection,
@@ -78,7 +78,7 @@ def test_a_job_whose_known_shape_was_removed_keeps_its_attempts(library):
     assert (again.state, again.attempts, again.restarts) == ("queued", 0, 0)
 
 
-def test_an_upload_waits_while_another_of_its_file_is_computed(library):
+def test_an_upload_waits_while_an_equal_upload_is_computed(library):
     with library.store.write() as connection:
         first, second = (send(connection, number, owner, b"same") for number, owner in enumerate("ab"))
         other = send(connection, 2, "a")

@@ -1,4 +1,4 @@
-"""Backups that were damaged, or prepared to do harm, are refused by the name of what is wrong."""
+"""Verification of backups: damaged and malicious backups are refused with a message that names the fault."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.commands import called, succeeded
+from tests.support.commands import in_process, succeeded
 from tests.support.server import small_mesh
 from tests.support.store import PARAMETERS, add
 from unbend import Library, Parameters
@@ -24,7 +24,7 @@ FEW = Parameters(samples=40)
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
-    """A backup of a library with all that a library may hold."""
+    """A backup of a library with rows in every table."""
     folder = tmp_path_factory.mktemp("sound")
     with Library(str(folder / "library.db")) as library:
         shape = library.add(small_mesh(0), name="a", label="b", metadata={"c": [1]}, parameters=FEW)
@@ -85,9 +85,9 @@ def harmed(sound: Path, folder: Path, statement: str) -> Path:
     return path
 
 
-def test_a_sound_backup_is_said_to_be_sound_and_stays_as_it_is(sound):
+def test_a_valid_backup_passes_verification_unchanged(sound):
     before = sound.read_bytes()
-    done = succeeded("backup", sound, "--verify", run=called)
+    done = succeeded("backup", sound, "--verify", run=in_process)
     assert "2 shapes" in done.stdout
     assert "sound" in done.stdout
     assert sound.read_bytes() == before
@@ -95,14 +95,14 @@ def test_a_sound_backup_is_said_to_be_sound_and_stays_as_it_is(sound):
 
 
 @pytest.mark.parametrize("name", HARM)
-def test_what_no_library_has_is_refused_and_the_library_stays(sound, tmp_path, name):
+def test_a_manipulated_backup_is_refused_and_the_library_stays_unchanged(sound, tmp_path, name):
     statement, said = HARM[name]
     path = harmed(sound, tmp_path, statement)
     with Library(str(tmp_path / "library.db")) as library:
         kept = add(library, b"kept", "kept").id
     for refused in (
-        called("backup", path, "--verify"),
-        called("restore", path, "--library", tmp_path / "library.db", "--force"),
+        in_process("backup", path, "--verify"),
+        in_process("restore", path, "--library", tmp_path / "library.db", "--force"),
     ):
         assert refused.returncode == 1
         assert said in refused.stderr
@@ -113,7 +113,7 @@ def test_what_no_library_has_is_refused_and_the_library_stays(sound, tmp_path, n
             assert connection.exec_driver_sql("SELECT count(*) FROM api_keys").scalar_one() == 0
 
 
-def test_indexes_and_statistics_of_others_are_left_behind(sound, tmp_path):
+def test_foreign_indexes_and_statistics_are_not_restored(sound, tmp_path):
     path = harmed(sound, tmp_path, "CREATE INDEX mine ON shapes (name); ANALYZE")
     restore(path, str(tmp_path / "library.db"))
     with closing(sqlite3.connect(tmp_path / "library.db")) as connection:
@@ -123,7 +123,7 @@ def test_indexes_and_statistics_of_others_are_left_behind(sound, tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_backup_with_a_flipped_byte_is_refused_or_as_good_as_it_was(sound, tmp_path, seed):
+def test_a_backup_with_flipped_bits_is_refused_or_fully_readable(sound, tmp_path, seed):
     chance = random.Random(seed)  # noqa: S311
     data = bytearray(sound.read_bytes())
     for _ in range(1 + seed % 3):

@@ -1,4 +1,4 @@
-"""One writer: order, what is undone with a change that fails, and what waits together."""
+"""The writer of a store: the order of changes, failing changes, and shared transactions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_change_is_in_the_store_when_its_future_has_a_result(library, writer):
     assert library.get(shape_id).name == "one"
 
 
-def test_changes_that_wait_together_are_made_in_order_and_one_that_fails_takes_none_with_it(library, writer):
+def test_changes_of_one_transaction_run_in_order_and_fail_separately(library, writer):
     held, go_on = threading.Event(), threading.Event()
 
     def hold(connection: Connection) -> None:
@@ -70,14 +70,14 @@ def test_changes_that_wait_together_are_made_in_order_and_one_that_fails_takes_n
     assert names(library) == ["held", *(f"n{number}" for number in range(9) if number % 3 != 1)]
 
 
-def test_a_change_that_fails_alone_leaves_nothing_and_the_writer_goes_on(library, writer):
+def test_a_failed_change_leaves_nothing_and_the_writer_continues(library, writer):
     with pytest.raises(NotFoundError):
         writer.submit(partial(spoil, name="spoilt")).result(10)
     writer.submit(partial(put, name="after")).result(10)
     assert names(library) == ["after"]
 
 
-def test_what_was_asked_for_before_the_end_is_made(tmp_path):
+def test_changes_submitted_before_closing_are_written(tmp_path):
     with Library(str(tmp_path / "closed.db")) as library:
         futures = [library.store.submit(partial(put, name=str(number))) for number in range(200)]
     assert all(future.done() for future in futures)
@@ -86,7 +86,7 @@ def test_what_was_asked_for_before_the_end_is_made(tmp_path):
 
 
 def fill(connection: Connection, name: str) -> str:
-    """Store more than the database may have: SQLite then undoes the whole transaction, as where a disk is full."""
+    """Exceed the size limit of the database: SQLite then rolls the whole transaction back, as on a full disk."""
     pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
     connection.exec_driver_sql(f"PRAGMA max_page_count = {pages + 4}")
     try:
@@ -95,7 +95,7 @@ def fill(connection: Connection, name: str) -> str:
         connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
 
 
-def test_a_full_disk_undoes_the_change_that_does_not_fit_and_no_other(library, writer):
+def test_a_full_disk_fails_only_the_changes_that_do_not_fit(library, writer):
     held, go_on = threading.Event(), threading.Event()
 
     def hold(_: Connection) -> None:

@@ -1,4 +1,4 @@
-"""The class map: distances are kept, classes stay apart, and landmarks place further shapes."""
+"""The class map: it keeps distances, separates classes, and places many shapes by landmarks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOMENTS = get_vector_measure("moments")
 
 
 def on_a_line(count: int, seed: int = 0) -> np.ndarray:
-    """Vectors whose L1 distances are those of points on a line."""
+    """Return vectors whose L1 distances are those of points on a line."""
     places = np.random.default_rng(seed).uniform(0, 10, count)
     return (places[:, None] * np.array([1.0, 0.5, 0.25])).astype(np.float32)
 
@@ -30,7 +30,7 @@ def clusters(classes: int, members: int, seed: int = 0) -> tuple[np.ndarray, np.
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 3])
-def test_distances_that_fit_are_kept(dimensions):
+def test_distances_of_points_on_a_line_are_kept(dimensions):
     vectors = on_a_line(60)
     found = class_map(vectors, MOMENTS, dimensions)
     assert found.points.shape == (60, dimensions)
@@ -39,23 +39,23 @@ def test_distances_that_fit_are_kept(dimensions):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_shapes_have_a_map(count):
+def test_a_map_of_few_shapes_keeps_distances(count):
     vectors = on_a_line(count)
     found = class_map(vectors, MOMENTS)
     np.testing.assert_allclose(pdist(found.points), pdist(vectors, "cityblock"), rtol=1e-4)
 
 
-def test_no_shapes_have_an_empty_map():
+def test_a_map_of_no_shapes_is_empty():
     assert class_map(np.empty((0, 3), np.float32), MOMENTS).points.shape == (0, 2)
 
 
-def test_copies_of_one_shape_lie_in_one_place():
+def test_equal_shapes_have_equal_points():
     assert not class_map(np.ones((5, 3), np.float32), MOMENTS).points.any()
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1e-5, 1.0, 1e5]))
-def test_the_order_and_the_unit_of_distance_change_nothing_but_order_and_unit(seed, unit):
+def test_order_and_unit_do_not_change_the_form_of_the_map(seed, unit):
     vectors, _ = clusters(4, 6, seed % 100)
     order = np.random.default_rng(seed).permutation(len(vectors))
     first, second = class_map(vectors, MOMENTS), class_map(unit * vectors[order], MOMENTS)
@@ -63,7 +63,7 @@ def test_the_order_and_the_unit_of_distance_change_nothing_but_order_and_unit(se
     np.testing.assert_allclose(found, expected, atol=1e-3 * expected.max())  # least squares stops at 1e-6 of the stress
 
 
-def test_many_shapes_are_placed_by_landmarks_nearly_as_if_all_were_embedded(monkeypatch):
+def test_a_map_by_landmarks_is_near_the_map_of_all_shapes(monkeypatch):
     vectors, labels = clusters(12, 60)
     whole = class_map(vectors, MOMENTS)
     monkeypatch.setattr(module, "MAX_LANDMARKS", 240)
@@ -74,7 +74,7 @@ def test_many_shapes_are_placed_by_landmarks_nearly_as_if_all_were_embedded(monk
     assert max(spread) < 0.2 * np.ptp(placed.points, axis=0).max()
 
 
-def test_the_number_of_threads_does_not_show():
+def test_the_number_of_threads_does_not_change_the_map():
     vectors, _ = clusters(5, 8)
     one, two = (class_map(vectors, MOMENTS, threads=threads) for threads in (1, 2))
     np.testing.assert_array_equal(one.points, two.points)

@@ -1,4 +1,4 @@
-"""Retrieval metrics: known answers, and the definitions written out query by query as an oracle."""
+"""Retrieval metrics, compared with known results and with a plain implementation of their definitions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ METRICS = ("nn", "ft", "st", "e", "dcg", "map")
 
 
 def separate(labels):
-    """Distances under which the classes are far from each other."""
+    """Return distances by which the classes are far from each other."""
     places = np.arange(len(labels))
     return np.abs(places[:, None] - places) + 1000.0 * np.not_equal.outer(labels, labels)
 
@@ -27,23 +27,23 @@ def leave_one_out(distances, labels):
 
 
 def ranked_at(ranks, count):
-    """One query of class "a" whose relevant shapes have these ranks among `count`."""
+    """Evaluate one query of class "a" whose relevant shapes have these ranks among `count` shapes."""
     labels = ["a" if place in ranks else "b" for place in range(1, count + 1)]
     return evaluate(np.arange(1.0, count + 1)[None], ["a"], labels)
 
 
-# --- known answers
+# --- known results
 
 
-def test_metrics_of_a_perfect_ranking_are_one():
+def test_metrics_of_a_perfect_ranking_are_one_except_e():
     labels = ["a"] * 40 + ["b"] * 40
     metrics = leave_one_out(separate(labels), labels)
     assert (metrics.nn, metrics.ft, metrics.st) == (1, 1, 1)
     assert (metrics.dcg, metrics.map) == (pytest.approx(1), pytest.approx(1))
-    assert metrics.e == pytest.approx(2 / (1 + 39 / 32))  # 32 places hold 32 of 39 members
+    assert metrics.e == pytest.approx(2 / (1 + 39 / 32))  # the first 32 ranks have 32 of 39 members
 
 
-def test_metrics_of_a_ranking_counted_by_hand():
+def test_metrics_of_a_small_ranking_equal_hand_computed_values():
     # Query 0 ranks b, a, c, a: its two others at ranks 2 and 4. All shapes are equally far from queries 2 and 4, so
     # they come in the order of the rows: a, b, c, a and a, b, a, c. The classes b and c have one member, so their
     # queries have no metrics.
@@ -59,8 +59,8 @@ def test_metrics_of_a_ranking_counted_by_hand():
     assert metrics.map == pytest.approx(np.mean([(1 / 2 + 2 / 4) / 2, (1 + 2 / 4) / 2, (1 + 2 / 3) / 2]))
 
 
-def test_precision_and_recall_of_the_example_in_the_benchmarks_documentation():
-    # psbPlot's example: five others of the class, found at the places 1, 4, 10, 41 and 44
+def test_precision_and_recall_equal_those_of_the_documented_psbplot_example():
+    # In psbPlot's example, the five other members of the class have ranks 1, 4, 10, 41 and 44.
     curve = ranked_at({1, 4, 10, 41, 44}, 60).precision_recall
     precision = dict(zip(np.round(curve.recall, 2).tolist(), curve.precision, strict=True))
     known = {0.2: 1.0, 0.4: 0.5, 0.6: 0.3, 0.8: 0.097561, 1.0: 0.113636}
@@ -70,8 +70,8 @@ def test_precision_and_recall_of_the_example_in_the_benchmarks_documentation():
     assert min(precision) == 0.2  # there is no precision below the recall of the first hit
 
 
-def test_low_recall_is_averaged_over_large_classes_only():
-    # queries of "a" have three others and a precision from recall 1/3 on; those of "b" six, and from 1/6 on
+def test_precision_at_low_recall_is_averaged_over_large_classes_only():
+    # Queries of "a" have three other members, so their precision starts at recall 1/3; "b" has six, so from 1/6.
     labels = ["a"] * 4 + ["b"] * 7
     distances = separate(labels)
     distances[:4] = 0.0  # all queries of "a" rank the shapes in the order of their rows
@@ -85,7 +85,7 @@ def test_low_recall_is_averaged_over_large_classes_only():
     assert curve.precision[3] == pytest.approx((4 * 1.0 + 7 * at_third) / 11)
 
 
-def test_confusions_accuracy_and_wrong_answers_of_queries_against_a_gallery():
+def test_an_evaluation_against_a_gallery_has_confusion_accuracy_and_wrong_answers():
     gallery = ["b", "a", "c"]
     distances = np.array([[2.0, 1.0, 3.0], [0.5, 1.0, 3.0], [1.0, 2.0, 0.25], [7.0, 8.0, 9.0]])
     found = evaluate(distances, ["a", "a", "c", "d"], gallery, unanswered=["a", "e"])
@@ -97,7 +97,7 @@ def test_confusions_accuracy_and_wrong_answers_of_queries_against_a_gallery():
     assert (found.nearest.tolist(), found.nearest_distances.tolist()) == ([1, 0, 2, 0], [1.0, 0.5, 0.25, 7.0])
     assert (found.queries, found.unanswered, found.accuracy) == (6, 2, pytest.approx(2 / 6))
     assert found.metrics is not None
-    assert found.metrics.nn == pytest.approx(2 / 3)  # of "a", "a" and "c"
+    assert found.metrics.nn == pytest.approx(2 / 3)  # the queries with metrics are of "a", "a" and "c"
     rows = {row.label: row for row in found.classes}
     assert [(row.queries, row.members) for row in rows.values()] == [(3, 1), (1, 1), (1, 0), (1, 0)]
     assert [row.accuracy for row in rows.values()] == [pytest.approx(1 / 3), 1.0, 0.0, 0.0]
@@ -105,7 +105,7 @@ def test_confusions_accuracy_and_wrong_answers_of_queries_against_a_gallery():
     assert rows["d"].metrics is rows["e"].metrics is None
 
 
-def test_where_no_class_is_in_the_gallery_every_answer_is_wrong():
+def test_every_answer_is_wrong_if_no_class_is_in_the_gallery():
     found = evaluate(np.ones((2, 1)), ["a", "b"], ["c"])
     assert (found.metrics, found.accuracy, found.precision_recall.recall) == (None, 0.0, ())
     assert all(found.as_dict()[name] is None for name in METRICS)
@@ -113,7 +113,7 @@ def test_where_no_class_is_in_the_gallery_every_answer_is_wrong():
     assert (nothing.metrics, nothing.accuracy, nothing.queries) == (None, 0.0, 1)
 
 
-def test_a_class_of_one_counts_as_wrong_but_has_no_metrics():
+def test_a_class_with_one_member_counts_as_wrong_and_has_no_metrics():
     labels = ["a", "a", "b"]
     found = evaluate(separate(labels), labels, labels, own=np.arange(3))
     assert found.metrics is not None
@@ -123,22 +123,23 @@ def test_a_class_of_one_counts_as_wrong_but_has_no_metrics():
     assert (found.classes[1].members, found.classes[1].metrics) == (1, None)
 
 
-def test_an_evaluation_is_one_flat_json_object_with_the_metrics_in_it():
+def test_an_evaluation_is_one_json_object_that_contains_the_metrics():
     labels = ["b", "a", "a", "b", "c"]
     found = evaluate(separate(labels), labels, labels, own=np.arange(5))
-    told = json.loads(json.dumps(found.as_dict(), allow_nan=False))
-    assert told == found.as_dict()
-    assert {name: told[name] for name in METRICS} == vars(leave_one_out(separate(labels), labels))
-    assert told["classes"][2] == {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0} | dict.fromkeys(METRICS)
-    assert told["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
-    assert told["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
+    reported = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    assert reported == found.as_dict()
+    assert {name: reported[name] for name in METRICS} == vars(leave_one_out(separate(labels), labels))
+    lone = {"label": "c", "queries": 1, "members": 1, "accuracy": 0.0}
+    assert reported["classes"][2] == lone | dict.fromkeys(METRICS)
+    assert reported["confusion"] == {"labels": ["a", "b", "c"], "counts": found.confusion.tolist()}
+    assert reported["precision_recall"] == {"recall": [1.0], "precision": [1.0]}
 
 
-# --- against the definitions
+# --- comparison with the definitions
 
 
 def oracle_metrics(relevant):
-    """Section 4.2 of the benchmark's paper, for one query; `relevant` has a boolean for every rank."""
+    """Return the metrics of a query by section 4.2 of the benchmark's paper; `relevant` has a boolean per rank."""
     size = sum(relevant)
     places = [place for place, hit in enumerate(relevant, 1) if hit]
     precision, recall = sum(relevant[:32]) / 32, sum(relevant[:32]) / size
@@ -154,7 +155,7 @@ def oracle_metrics(relevant):
 
 
 def oracle_precision(relevant):
-    """Precision by recall level in twentieths, from the recall of the first hit on."""
+    """Return precision by recall in twentieths, from the recall of the first hit on."""
     places = [place for place, hit in enumerate(relevant, 1) if hit]
     size = len(places)
     recall = [hits / size for hits in range(1, size + 1)]
@@ -177,7 +178,7 @@ def oracle(distances, queries, gallery, own):
 
 @st.composite
 def trials(draw):
-    """Distances (with few values, so that many are equal), classes, and the rows of queries that are left out."""
+    """Draw distances with many equal values, classes, and the gallery rows that the queries are, or None."""
     gallery = draw(st.lists(st.sampled_from("abc"), min_size=2, max_size=70))
     rows = draw(st.lists(st.integers(0, len(gallery) - 1), min_size=1, max_size=9))
     left_out = draw(st.booleans())
@@ -188,7 +189,7 @@ def trials(draw):
 
 
 @given(trials())
-def test_every_metric_is_the_mean_of_its_definition(trial):
+def test_every_metric_equals_the_mean_of_its_definition(trial):
     distances, queries, gallery, own = trial
     metrics, curves, nearest = oracle(*trial)
     given_own = None if own is None else np.array(own)
@@ -206,8 +207,8 @@ def test_every_metric_is_the_mean_of_its_definition(trial):
         assert found.metrics is None
     for row in found.classes:
         own_rows = [values for label, values in metrics if label == row.label]
-        told = None if row.metrics is None else list(vars(row.metrics).values())
-        assert told == (pytest.approx(np.mean(own_rows, axis=0)) if own_rows else None)
+        reported = None if row.metrics is None else list(vars(row.metrics).values())
+        assert reported == (pytest.approx(np.mean(own_rows, axis=0)) if own_rows else None)
         assert (row.queries, row.members) == (queries.count(row.label), gallery.count(row.label))
     levels = [level for level in range(1, 21) if any(level in curve for curve in curves)]
     expected = [np.mean([curve[level] for curve in curves if level in curve]) for level in levels]
@@ -219,7 +220,7 @@ def test_every_metric_is_the_mean_of_its_definition(trial):
 
 
 @given(trials(), st.integers(0, 100))
-def test_metrics_depend_on_the_order_of_distances_only_and_not_on_that_of_queries(trial, seed):
+def test_metrics_depend_only_on_the_order_of_distances(trial, seed):
     distances, queries, gallery, _ = trial
     order = np.random.default_rng(seed).permutation(len(queries))
     one = evaluate(distances, queries, gallery)
@@ -236,8 +237,8 @@ def approximately(value):
     return pytest.approx(value) if isinstance(value, float) else value
 
 
-def test_parts_of_many_queries_average_to_the_whole():
-    # The rows of the large class are ranked in several blocks, which differ between the whole and the parts.
+def test_metrics_of_parts_average_to_the_metrics_of_the_whole():
+    # The queries of the large class are ranked in blocks, which differ between the whole and the parts.
     random = np.random.default_rng(5)
     labels = ["a"] * 1700 + ["b"] * 100
     points = random.normal(size=(1800, 2)) + np.repeat([[0.0], [0.5]], [1700, 100], axis=0)
@@ -255,7 +256,7 @@ def labels_of(rows):
     return ["a" if row < 1700 else "b" for row in rows]
 
 
-def test_the_distance_of_a_query_to_itself_is_ignored():
+def test_the_distance_from_a_query_to_itself_is_ignored():
     labels = ["a", "a", "b", "b"]
     distances = separate(labels)
     expected = leave_one_out(distances, labels)
@@ -264,8 +265,8 @@ def test_the_distance_of_a_query_to_itself_is_ignored():
         assert leave_one_out(distances, labels) == expected
 
 
-def test_queries_of_a_class_are_ranked_together():
-    # 480 shapes in 30 classes, as SHREC'11 has them. A loop over queries would take as long as single queries do.
+def test_many_queries_together_are_faster_than_one_by_one():
+    # 480 shapes in 30 classes, like SHREC'11. A loop over queries would take as long as single queries.
     labels = [f"class {row % 30}" for row in range(480)]
     points = np.random.default_rng(0).normal(size=(480, 5))
     distances = np.linalg.norm(points[:, None] - points, axis=2)
@@ -283,7 +284,7 @@ def test_queries_of_a_class_are_ranked_together():
 # --- errors
 
 
-def test_evaluation_needs_a_class_of_two_and_matching_labels():
+def test_an_evaluation_needs_a_class_of_two_members_and_matching_labels():
     with pytest.raises(ParameterError, match="two members"):
         leave_one_out(np.zeros((2, 2)), ["a", "b"])
     with pytest.raises(ParameterError, match="two members"):
@@ -294,14 +295,14 @@ def test_evaluation_needs_a_class_of_two_and_matching_labels():
         evaluate(np.zeros((1, 3)), ["a"], ["a", "b"])
 
 
-def test_evaluation_needs_queries_and_a_gallery():
+def test_an_evaluation_needs_queries_and_a_gallery():
     with pytest.raises(ParameterError, match="gallery is empty"):
         evaluate(np.empty((1, 0)), ["a"], [])
     with pytest.raises(ParameterError, match="no queries"):
         evaluate(np.empty((0, 1)), [], ["a"])
 
 
-def test_a_distance_that_is_not_a_number_is_refused_and_its_query_named():
+def test_a_nan_distance_is_refused_with_its_query():
     distances = separate(["a", "a", "b"])
     distances[1, 2] = np.nan
     with pytest.raises(ParameterError, match="query 1 is not a number"):

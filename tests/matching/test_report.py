@@ -1,4 +1,4 @@
-"""The report of an evaluation, parsed as a browser does."""
+"""The HTML report of an evaluation, parsed like in a browser."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REASON = '"]]></style><img src=x onerror=alert(3)>'
 
 
 class Page(HTMLParser):
-    """The elements of a page in order, each with its attributes and all the text inside it."""
+    """A parsed page: its elements in order, each with its attributes and its text."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -56,7 +56,7 @@ class Page(HTMLParser):
 
 
 def made(*, left_out: bool = True, **others: object) -> Report:
-    """A report of three classes, one with a hostile name. The first measure confuses two classes, the second none."""
+    """Make a report of three classes, one with a malicious name; only the first measure confuses two classes."""
     labels = ["cat"] * 3 + [CLASS] * 3 + ["ant"] * 2
     places = np.array([0.0, 1.0, 5.1, 5.0, 8.0, 8.5, 20.0, 21.0])
     codes = np.array([0, 0, 0, 1, 1, 1, 2, 2])
@@ -107,24 +107,24 @@ def section(text: str, identity: str) -> Page:
 
 
 def rows(page: Page, caption: str) -> list[list[str]]:
-    """The cells of the table whose caption starts with `caption`."""
+    """Return the cells of the table whose caption starts with `caption`."""
     found: list[list[str]] = []
     inside = False
     for tag, _, parts in page.elements:
-        told = " ".join("".join(parts).split())
+        reported = " ".join("".join(parts).split())
         if tag == "table":
-            inside = told.startswith(caption)
+            inside = reported.startswith(caption)
         elif inside and tag == "tr":
             found.append([])
         elif inside and tag in {"th", "td"}:
-            found[-1].append(told)
+            found[-1].append(reported)
     return found
 
 
 # --- safety
 
 
-def test_the_page_loads_nothing_and_runs_nothing(text, page):
+def test_the_page_loads_no_resources_and_runs_no_scripts(text, page):
     assert not re.search(r"https?://|url\(|@import|javascript:", text)
     for tag, attributes, _ in page.elements:
         assert tag not in {"script", "link", "img", "iframe", "object", "embed", "form", "base", "b", "i"}
@@ -135,7 +135,7 @@ def test_the_page_loads_nothing_and_runs_nothing(text, page):
     assert policy == "default-src 'none'; style-src 'unsafe-inline'"
 
 
-def test_names_of_files_and_classes_are_text_whatever_they_say(text, page):
+def test_names_of_files_and_classes_are_escaped(text, page):
     shown = page.texts("bdi")
     for name in (HOSTILE, CLASS, MEASURE, HOSTILE + "2", REASON):
         assert name in shown
@@ -147,7 +147,7 @@ def test_names_of_files_and_classes_are_text_whatever_they_say(text, page):
 # --- content
 
 
-def test_the_head_tells_what_was_measured_when_and_by_which_version(text, page):
+def test_the_header_has_the_data_the_date_and_the_version(text, page):
     head = page.texts("header")[0]
     assert "each of 8 shapes was a query against all the others" in head
     assert "3 classes" in head
@@ -181,17 +181,17 @@ def test_classes_are_sorted_by_nn_and_wrong_answers_are_listed(text):
     assert "every query's nearest shape is of its class" in " ".join(second.texts("p"))
 
 
-def test_the_confusion_matrix_names_every_cell_that_is_not_empty_and_puts_it_between_its_labels(text):
+def test_the_confusion_matrix_places_and_names_every_cell_that_is_not_empty(text):
     drawing = ET.fromstring(re.search(r"<svg.*?</svg>", section_text(text, "measure-1"), re.DOTALL)[0])  # noqa: S314
     assert drawing.find("title").text == f"Confusion matrix of {MEASURE}"
     labels = [label.find("title").text for label in drawing.findall("g/text")]
-    assert labels == [CLASS, CLASS, "ant", "ant", "cat", "cat"]  # of the row and of the column
+    assert labels == [CLASS, CLASS, "ant", "ant", "cat", "cat"]  # each for its row and its column
     cells = {}
     for cell in drawing.findall("g/g"):
         x, y = map(float, re.findall(r"[\d.]+", cell.get("transform")))
         side = float(cell.find("rect").get("width"))
-        told = (" ".join(cell.find("title").text.split()), cell.find("text").text, cell.get("class"))
-        cells[labels[2 * int(y / side)], labels[2 * int(x / side)]] = told
+        reported = (" ".join(cell.find("title").text.split()), cell.find("text").text, cell.get("class"))
+        cells[labels[2 * int(y / side)], labels[2 * int(x / side)]] = reported
     assert cells == {
         (CLASS, CLASS): (f"2 of class {CLASS}: nearest are {CLASS} (67 %)", "2", "right"),
         (CLASS, "cat"): (f"1 of class {CLASS}: nearest is cat (33 %)", "1", "wrong"),
@@ -201,7 +201,7 @@ def test_the_confusion_matrix_names_every_cell_that_is_not_empty_and_puts_it_bet
     }
 
 
-def test_the_plot_has_a_line_for_every_measure_and_its_points_are_the_curves(text):
+def test_the_plot_has_the_precision_recall_curve_of_every_measure(text):
     drawing = ET.fromstring(re.search(r"<svg.*?</svg>", section_text(text, "precision-recall"), re.DOTALL)[0])  # noqa: S314
     curves = drawing.findall("g[@class]")[1:]
     for curve, (name, found) in zip(curves, made().evaluations.items(), strict=True):
@@ -210,7 +210,7 @@ def test_the_plot_has_a_line_for_every_measure_and_its_points_are_the_curves(tex
         assert curve.find(".//text").text == name
         points = np.array([point.split(",") for point in line.split()], float)
         expected = found.precision_recall
-        # convert the coordinates back to precision and recall by the grid lines at 0 and 1
+        # Convert the coordinates back to precision and recall by the grid lines at 0 and 1.
         grid = [tuple(map(float, re.findall(r"[\d.]+", path.get("d")))) for path in drawing.findall("g/path")[:6]]
         (left, bottom), (right, top) = ((lines[0], lines[1]) for lines in (grid[0], (grid[0][2], grid[5][1])))
         np.testing.assert_allclose((points[:, 0] - left) / (right - left), expected.recall, atol=1e-3)
@@ -218,10 +218,10 @@ def test_the_plot_has_a_line_for_every_measure_and_its_points_are_the_curves(tex
         titles = [title.text for title in curve.iter("title")]
         assert titles[-1] == f"{name}: precision {expected.precision[-1]:.3f} at recall 1.00"
     assert len({curve.get("class") for curve in curves}) == 2
-    assert len({curve.find("path").get("d") for curve in curves}) == 2  # not by colour alone
+    assert len({curve.find("path").get("d") for curve in curves}) == 2  # curves do not differ by colour alone
 
 
-def test_the_numbers_of_the_plot_are_a_table_too(page):
+def test_the_numbers_of_the_plot_are_also_in_a_table(page):
     table = rows(page, "Mean precision")
     found = list(made().evaluations.values())
     assert table[0] == ["Recall", MEASURE, "far"]
@@ -231,7 +231,7 @@ def test_the_numbers_of_the_plot_are_a_table_too(page):
         assert row == [f"{recall:.2f}", *(f"{value:.3f}" for value in precision)]
 
 
-def test_against_a_gallery_the_page_has_accuracies_and_missing_metrics_are_dashes():
+def test_a_report_against_a_gallery_has_accuracies_and_dashes_for_missing_metrics():
     page = Page(render(made(left_out=False)))
     assert "5 queries were compared with 4 other shapes" in page.texts("header")[0]
     table = rows(page, "Means over all queries")
@@ -242,13 +242,13 @@ def test_against_a_gallery_the_page_has_accuracies_and_missing_metrics_are_dashe
     assert owl == ["owl", "1", "0", "0.000", "-", "-", "-", "-", "-", "-"]
 
 
-def test_very_many_long_names_are_cut_in_the_drawing_and_whole_in_its_titles():
+def test_long_names_are_cut_in_the_drawing_but_complete_in_its_titles():
     labels = [f"class {row // 2} " + "x" * 300 for row in range(120)]
     found = evaluate(np.abs(np.arange(120.0)[:, None] - np.arange(120)), labels, labels, own=np.arange(120))
     names = [str(row) for row in range(120)]
     text = render(made(evaluations={"far": found}, queries=names, gallery=names))
     titles = Page(text).texts("title")
-    assert all(titles.count(label) == 2 for label in set(labels))  # of its row and of its column
+    assert all(titles.count(label) == 2 for label in set(labels))  # one for its row and one for its column
     widths = [float(own["width"]) for tag, own, _ in Page(text).elements if tag == "svg"]
     assert max(widths) < 60 * 30 + 250
 
@@ -256,7 +256,7 @@ def test_very_many_long_names_are_cut_in_the_drawing_and_whole_in_its_titles():
 # --- accessibility
 
 
-def test_tables_and_drawings_can_be_read_without_seeing_them(text, page):
+def test_tables_and_drawings_are_accessible(text, page):
     identities = [own["id"] for _, own, _ in page.elements if "id" in own]
     assert len(set(identities)) == len(identities)
     for tag, own, _ in page.elements:
@@ -276,7 +276,7 @@ def colours(style: str) -> dict[str, str]:
 
 
 def contrast(one: str, other: str) -> float:
-    """The contrast ratio of WCAG 2, 1 to 21."""
+    """Return the contrast ratio of WCAG 2, from 1 to 21."""
 
     def luminance(colour: str) -> float:
         parts = np.array([int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)])
@@ -287,7 +287,7 @@ def contrast(one: str, other: str) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-def test_light_dark_and_print_have_colours_with_enough_contrast(text):
+def test_light_dark_and_print_styles_have_enough_contrast(text):
     light, rest = text.split("<style>")[1].split("@media (prefers-color-scheme: dark)")
     dark, paper = rest.split("@media print")
     for style in (light, dark, paper):
@@ -296,14 +296,14 @@ def test_light_dark_and_print_have_colours_with_enough_contrast(text):
         for name in ("ink", "quiet", "link"):
             assert contrast(found[name], found["paper"]) >= 4.5
             assert contrast(found[name], found["stripe"]) >= 4.5
-        for name in ("right", "wrong"):  # cells of the matrix, with their counts on them
+        for name in ("right", "wrong"):  # background of cells of the matrix, with counts in ink
             assert contrast(found[name], found["ink"]) >= 4.5
             assert contrast(found[name], found["paper"]) >= 3
         for place in range(6):
             assert contrast(found[f"colour-{place}"], found["paper"]) >= 3
 
 
-def test_class_maps_show_every_shape_once_in_the_frame_with_its_name():
+def test_class_maps_show_every_shape_once_inside_the_frame():
     rng = np.random.default_rng(0)
     report = made(maps={MEASURE: rng.normal(0, 1e-3, (8, 2)), "far": np.zeros((8, 2))})
     text = render(report)

@@ -1,4 +1,4 @@
-"""Reranking of a short list."""
+"""Reranking a short list by a pair measure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from unbend import Parameters, compute_signature
 from unbend.errors import ParameterError
 from unbend.matching.measures import MEASURES
-from unbend.matching.rerank import SHORTLIST, rerank
+from unbend.matching.rerank import rerank
 from unbend.matching.selection import smallest
 from unbend.mesh.shapes import cylinder, ellipsoid, sheet, sphere, spiral, torus
 
@@ -25,7 +25,7 @@ def signatures():
 
 @pytest.mark.parametrize("measure", [RIGID, HAUSDORFF], ids=lambda measure: measure.name)
 @pytest.mark.parametrize("threads", [None, 1, 2, 9])
-def test_distances_are_those_of_the_measure_whatever_the_threads(measure, threads):
+def test_distances_equal_those_of_the_measure_on_any_number_of_threads(measure, threads):
     query, *candidates = signatures()
     found = rerank(query, candidates, measure, threads)
     np.testing.assert_array_equal(found, [measure.distance(query, candidate) for candidate in candidates])
@@ -36,7 +36,7 @@ def test_bent_copies_come_first():
     assert set(smallest(rerank(query, candidates, RIGID), 2).tolist()) == {2, 4}
 
 
-def test_a_query_among_its_candidates_is_at_distance_0():
+def test_a_query_among_its_candidates_has_distance_0():
     candidates = signatures()
     for row, query in enumerate(candidates):
         found = rerank(query, candidates, HAUSDORFF)
@@ -44,11 +44,11 @@ def test_a_query_among_its_candidates_is_at_distance_0():
         assert (np.delete(found, row) > 0).all()
 
 
-def test_no_candidates_have_no_distances():
+def test_no_candidates_give_no_distances():
     assert rerank(signatures()[0], [], RIGID).shape == (0,)
 
 
-def test_what_cannot_be_compared_is_refused():
+def test_invalid_candidates_and_threads_are_refused():
     query, *candidates = signatures()
     other = compute_signature(sphere(subdivisions=2), Parameters(samples=81))
     with pytest.raises(ParameterError, match="different parameters"):
@@ -57,7 +57,3 @@ def test_what_cannot_be_compared_is_refused():
         rerank(query, candidates, RIGID, 0)
     with pytest.raises(ParameterError, match="threads must be at least 1"):
         rerank(query, [], RIGID, 0)
-
-
-def test_the_short_list_is_not_empty():
-    assert SHORTLIST >= 1

@@ -1,4 +1,4 @@
-"""Exact search: distances and the smallest of them, against NumPy in double precision."""
+"""Exact search: distances and the nearest rows, compared with NumPy in double precision."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROUNDING = 2e-5  # relative error of a sum of up to 700 numbers in single precis
 
 @st.composite
 def searches(draw):
-    """A query and a gallery with any number of rows, and widths that fill vector registers or do not."""
+    """Draw a query and a gallery with any number of rows, and widths that fill vector registers or not."""
     count, width = draw(st.integers(0, 40)), draw(st.integers(1, 700))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     scale = 10.0 ** draw(st.integers(-6, 6))
@@ -32,7 +32,7 @@ def by_numpy(query, gallery):
 
 
 @given(searches(), st.integers(1, 3))
-def test_distances_are_those_of_numpy(search, threads):
+def test_distances_equal_those_of_numpy(search, threads):
     query, gallery = search
     found = scan(query, gallery, threads)
     assert found.dtype == np.float64
@@ -40,7 +40,7 @@ def test_distances_are_those_of_numpy(search, threads):
 
 
 @given(arrays.arrays(np.float32, st.tuples(st.integers(1, 8), st.integers(1, 70)), elements=numbers))
-def test_distances_are_symmetric_and_zero_between_equal_vectors_to_the_last_bit(vectors):
+def test_distances_are_exactly_symmetric_and_zero_between_equal_vectors(vectors):
     matrix = np.stack([scan(vector, vectors) for vector in vectors])
     assert np.array_equal(matrix, matrix.T)
     assert not np.diagonal(matrix).any()
@@ -60,7 +60,7 @@ def test_a_distance_does_not_depend_on_other_rows_or_on_position(search, shift):
     assert [scan(query, row[None])[0] for row in gallery] == together.tolist()
 
 
-def test_a_large_gallery_is_the_same_on_any_number_of_threads():
+def test_the_number_of_threads_does_not_change_distances_in_a_large_gallery():
     random = np.random.default_rng(3)
     gallery = random.normal(size=(30_001, 150)).astype(np.float32)
     assert gallery.size > module._SINGLE_THREAD_MAX  # so that several threads are used
@@ -74,7 +74,7 @@ def test_a_large_gallery_is_the_same_on_any_number_of_threads():
 
 
 @pytest.mark.parametrize("width", [1, 7, 160])
-def test_infinite_rows_are_infinitely_far(width):
+def test_rows_with_infinite_values_have_infinite_distance(width):
     gallery = np.zeros((4, width), np.float32)
     gallery[1], gallery[2, -1], gallery[3, 0] = np.inf, np.inf, -np.inf
     found = scan(np.ones(width, np.float32), gallery)
@@ -88,12 +88,12 @@ def test_a_query_that_is_not_finite_is_refused(value):
 
 
 @pytest.mark.parametrize(("query", "gallery"), [((3,), (5, 4)), ((3, 1), (5, 3)), ((3,), (3,)), ((3,), (0, 0))])
-def test_vectors_of_other_lengths_are_refused(query, gallery):
+def test_vectors_of_different_lengths_are_refused(query, gallery):
     with pytest.raises(ParameterError, match="shape"):
         scan(np.zeros(query, np.float32), np.zeros(gallery, np.float32))
 
 
-def test_no_thread_is_refused():
+def test_zero_threads_are_refused():
     query, gallery = np.zeros(2, np.float32), np.zeros((1, 2), np.float32)
     with pytest.raises(ParameterError, match="threads"):
         scan(query, gallery, threads=0)
@@ -103,15 +103,15 @@ ranked = st.lists(st.one_of(st.integers(0, 5).map(float), st.floats(0, 1e9), st.
 
 
 @given(ranked, st.one_of(st.none(), st.integers(0, 70)))
-def test_the_smallest_come_in_order_and_ties_in_the_order_of_their_places(distances, count):
+def test_the_smallest_are_sorted_with_ties_in_order_of_index(distances, count):
     expected = sorted(place for place, distance in enumerate(distances) if distance < np.inf)
     expected.sort(key=lambda place: distances[place])
     assert smallest(np.array(distances), count).tolist() == expected[:count]
 
 
 @given(st.permutations(range(200)), st.integers(1, 199))
-def test_the_smallest_are_found_in_any_order(order, count):
-    distances = np.array(order) // 3 * 0.5  # in threes
+def test_the_smallest_of_any_permutation_are_found(order, count):
+    distances = np.array(order) // 3 * 0.5  # groups of three equal values
     assert np.array_equal(smallest(distances, count), np.argsort(distances, kind="stable")[:count])
 
 
@@ -123,7 +123,7 @@ def test_nan_is_never_among_the_smallest():
 
 
 @given(st.lists(st.tuples(st.floats(0, 9), st.integers(-1, 6)), max_size=50))
-def test_each_class_is_as_far_as_its_nearest_member(rows):
+def test_the_distance_of_a_class_is_that_of_its_nearest_member(rows):
     distances, codes = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], np.int32)
     expected = [min((row[0] for row in rows if row[1] == code), default=np.inf) for code in range(8)]
     assert nearest_of_each_class(distances, codes, 8).tolist() == expected

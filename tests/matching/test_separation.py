@@ -1,4 +1,4 @@
-"""Separation of classes: computed by hand, and as the paper says of bent surfaces."""
+"""Separation of classes, compared with hand computations and with the paper's result on bent surfaces."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from unbend.mesh.shapes import cylinder, helicoid_catenoid, sheet, sphere, spira
 from unbend.signature.dimensions import moments_over_dimensions
 
 
-def test_clusters_by_hand():
+def test_clusters_equal_hand_computed_values():
     places = np.array([[0.0], [1.0], [10.0], [12.0], [2.5]])
     found = clusters(cdist(places, places), ["a", "a", "b", "b", "b"])
-    # the shape nearest to the last one, at 2.5, is of the other class
+    # The shape nearest to the last one (at 2.5) is of the other class.
     assert found.nearest == pytest.approx(4 / 5)
     within = (1 * 2 + 2 * 2 + 7.5 * 2 + 9.5 * 2) / 8
     between = np.mean([10, 12, 2.5, 9, 11, 1.5])
@@ -25,7 +25,7 @@ def test_clusters_by_hand():
 
 
 @pytest.mark.parametrize(("places", "labels"), [([[0.0]], ["a"]), ([[0.0], [1.0]], ["a", "b"])])
-def test_classes_of_one_have_nothing_within(places, labels):
+def test_classes_of_one_member_have_no_ratio(places, labels):
     found = clusters(cdist(places, places), labels)
     assert (found.nearest, found.ratio) == (None, None)
 
@@ -36,8 +36,8 @@ def test_one_class_or_equal_members_have_no_ratio():
     assert (same.nearest, same.ratio) == (1.0, None)
 
 
-def test_log_ratios_by_hand():
-    # classes around 0 and 10 with variances 1 and 4, in one dimension; further apart and closer in the second
+def test_log_ratios_equal_hand_computed_values():
+    # In one dimension the classes are around 0 and 10 with variances 1 and 4; with two, their variances are smaller.
     vectors = np.array([[[-1.0], [-0.1]], [[1.0], [0.1]], [[8.0], [9.9]], [[12.0], [10.1]], [[5.0], [5.0]]])
     found = separation({"some": vectors}, ["a", "a", "b", "b", "alone"])
     assert found.pairs == [("a", "b")]
@@ -45,7 +45,7 @@ def test_log_ratios_by_hand():
     assert json.loads(json.dumps(found.as_dict()))["ratios"]["some"][0] == pytest.approx([np.log(20)])
 
 
-def test_without_a_pair_there_is_nothing_to_separate():
+def test_classes_of_one_member_give_no_pairs():
     found = separation({"some": np.zeros((2, 3, 4))}, ["a", "b"])
     assert found.pairs == []
 
@@ -57,7 +57,7 @@ def test_equal_classes_and_classes_without_a_variance_have_finite_ratios():
 
 
 @pytest.mark.parametrize("method", ["least_squares", "classical"])
-def test_moments_over_dimensions_are_those_of_signatures(method):
+def test_moments_over_dimensions_equal_those_of_signatures(method):
     surface = spiral(columns=20, rows=10)
     few = Parameters(samples=60)
     found = moments_over_dimensions(surface, few, most=4)[method]
@@ -67,7 +67,7 @@ def test_moments_over_dimensions_are_those_of_signatures(method):
         np.testing.assert_allclose(found[dimensions - 1], expected, rtol=1e-6, atol=1e-7)
 
 
-def test_signatures_of_bent_surfaces_are_clusters_where_the_surfaces_are_not():
+def test_signatures_of_bent_surfaces_form_clusters_but_the_surfaces_do_not():
     members = {
         "sheet": [sheet(), cylinder(), spiral()],
         "saddle": [helicoid_catenoid(t) for t in (0.0, 0.8, 1.5)],

@@ -1,4 +1,4 @@
-"""Linking components: one surface, the shortest links, distances that pass along them."""
+"""Linking components: the result is one surface with the shortest links, and distances follow the links."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BRIDGE = MeshPolicy(components="bridge")
 
 
 def copies(shape, offsets):
-    """Copies of a shape, one at each offset, as one mesh."""
+    """Return one mesh with a copy of a shape at each offset."""
     size = len(shape.vertices)
     vertices = (np.asarray(offsets, float)[:, None] + shape.vertices).reshape(-1, 3)
     return vertices, (size * np.arange(len(offsets))[:, None, None] + shape.faces).reshape(-1, 3)
@@ -36,16 +36,16 @@ def component_count(surface):
 
 
 def links_of(surface):
-    """The links' faces, whose first two corners are their ends."""
+    """Return the faces of the links, whose first two corners are the ends of the link."""
     return surface.faces[len(surface.faces) - surface.report.links :]
 
 
 def shortest_tree(vertices, component):
-    """Weight of the minimum spanning tree of components, from all distances of vertices."""
+    """Return the weight of the minimum spanning tree of components, from the distances between all vertices."""
     count = component.max() + 1
     nearest = np.full((count, count), np.inf)
     np.minimum.at(nearest, (component[:, None], component[None]), cdist(vertices, vertices))
-    weights = nearest + 1.0  # a sparse graph takes zeros for missing edges
+    weights = nearest + 1.0  # because a sparse graph treats zeros as missing edges
     return minimum_spanning_tree(weights - np.diag(np.diag(weights))).sum() - (count - 1)
 
 
@@ -53,7 +53,7 @@ def shortest_tree(vertices, component):
     st.lists(st.tuples(*[st.integers(-4, 4)] * 3), min_size=2, max_size=12, unique=True),
     st.sampled_from([0.3, 1.0, 2.0]),
 )
-def test_links_join_all_components_and_are_a_shortest_tree(offsets, size):
+def test_links_join_all_components_by_a_minimum_spanning_tree(offsets, size):
     vertices, faces = copies(tetrahedron(size), offsets)
     surface = repair(vertices, faces, policy=BRIDGE)
     assert component_count(surface) == 1
@@ -67,7 +67,7 @@ def test_links_join_all_components_and_are_a_shortest_tree(offsets, size):
     assert surface.report.longest_link == pytest.approx(lengths.max())
 
 
-def test_links_of_scattered_components_are_a_shortest_tree():
+def test_links_of_scattered_components_are_a_minimum_spanning_tree():
     generator = np.random.default_rng(3)
     offsets = generator.random((40, 3)) * [20, 5, 1]
     vertices, faces = copies(sphere(1, radius=0.4), offsets)
@@ -77,7 +77,7 @@ def test_links_of_scattered_components_are_a_shortest_tree():
     assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum() == pytest.approx(shortest_tree(vertices, component))
 
 
-def test_distances_pass_along_links_at_their_length():
+def test_distances_along_links_are_the_lengths_of_the_links():
     vertices, faces = copies(sphere(2), [[0, 0, 0], [3.5, 0, 0]])
     surface = repair(vertices, faces, policy=BRIDGE)
     near, far = links_of(surface)[0, :2]
@@ -91,7 +91,7 @@ def test_distances_pass_along_links_at_their_length():
     np.testing.assert_allclose(distances[other_side], length + alone[other_side], rtol=0.02)
 
 
-def test_components_that_touch_are_linked_at_no_length_and_no_area():
+def test_touching_components_are_linked_without_length_or_area():
     square = sheet(columns=3, rows=3)
     vertices, faces = copies(square, [[0, 0, 0], [np.ptp(square.vertices[:, 0]), 0, 0]])
     surface = repair(vertices, faces, policy=MeshPolicy(components="bridge", seams="keep"))
@@ -99,10 +99,10 @@ def test_components_that_touch_are_linked_at_no_length_and_no_area():
     assert surface.report.coincident_vertices == 4
     distances = geodesic_distances(surface, int(links_of(surface)[0, 0]))[0]
     assert np.isfinite(distances).all()
-    assert distances[links_of(surface)[0, 1]] < 1e-9 * surface.extent  # an edge without a length gets a tiny one
+    assert distances[links_of(surface)[0, 1]] < 1e-9 * surface.extent  # edges of length zero get a tiny length
 
 
-def test_what_links_add_to_the_area_is_reported_and_the_least_that_is_possible():
+def test_the_area_of_links_is_minimal_and_reported():
     vertices, faces = copies(sphere(1), [[0, 0, 0], [4, 1, 0], [0, 5, 2]])
     surface = repair(vertices, faces, policy=BRIDGE)
     assert surface.report.link_area == pytest.approx(surface.area - 3 * sphere(1).area)
@@ -116,7 +116,7 @@ def test_what_links_add_to_the_area_is_reported_and_the_least_that_is_possible()
         assert own == pytest.approx(min(areas))
 
 
-def test_isolated_vertices_are_no_components():
+def test_isolated_vertices_are_not_linked():
     vertices, faces = copies(tetrahedron(), [[0, 0, 0], [3, 0, 0]])
     surface = repair(np.concatenate([vertices, [[9, 9, 9]]]), faces, policy=BRIDGE)
     assert surface.report.links == 1
@@ -137,16 +137,16 @@ def test_links_do_not_depend_on_the_unit():
     assert far.report.longest_link * 2.0**400 == pytest.approx(here.report.longest_link)
 
 
-def test_many_components_are_linked_in_seconds():
+def test_ten_thousand_components_are_linked_in_seconds():
     vertices, faces = copies(tetrahedron(), np.random.default_rng(1).random((10_000, 3)) * 100)
     repair(vertices[:8], faces[:8], policy=BRIDGE)  # compiles
     started = time.process_time()
     surface = repair(vertices, faces, policy=BRIDGE)
-    assert time.process_time() - started < 20  # it takes one or two
+    assert time.process_time() - started < 20  # usually one or two seconds
     assert component_count(surface) == 1
 
 
-def test_messy_real_meshes_become_one_component(labelled):
+def test_damaged_real_meshes_become_one_component(labelled):
     for path, row in labelled("dirty"):
         surface = read_mesh(path, policy=MeshPolicy(components="bridge", seams="keep"))
         assert component_count(surface) == 1, path.name

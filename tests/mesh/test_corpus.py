@@ -1,4 +1,4 @@
-"""What we read of real files, and what others read of what we write, is what independent readers find."""
+"""Real files and files of this package, compared with independent readers and writers."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ READERS: dict[Callable[[Path], Mesh], tuple[str, ...]] = {
     by_meshio: ("off", "obj", "ply"),
     by_plyfile: ("ply",),
 }
-"""Independent readers, and what they read of what we write."""
+"""Independent readers, and the formats that each of them reads."""
 
 
 def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
 
 
-def test_every_real_file_is_read_as_others_read_it(shared_data):
+def test_every_real_file_is_read_like_by_pymeshlab(shared_data):
     paths = sorted(path for path in shared_data.rglob("*") if path.suffix in {".off", ".obj"})
     assert len(paths) == 711
     for path in paths:
@@ -76,29 +76,29 @@ def test_every_real_file_is_read_as_others_read_it(shared_data):
         size = np.abs(vertices).max()
         np.testing.assert_allclose(mesh.vertices, vertices, rtol=0, atol=1e-6 * size, err_msg=path.name)
         assert len(mesh.faces) == len(faces), path.name
-        if path.name == "cube.off":  # of quads: each may be cut along either diagonal
+        if path.name == "cube.off":  # a quad may be cut along either diagonal
             assert areas(mesh.vertices, mesh.faces).sum() == pytest.approx(areas(vertices, faces).sum())
         else:
             np.testing.assert_array_equal(mesh.faces, faces, err_msg=path.name)
         assert mesh.notes == (), path.name
 
 
-def test_some_real_files_are_read_as_two_more_read_them(shared_data):
+def test_some_real_files_are_read_like_by_trimesh_and_meshio(shared_data):
     paths = sorted(path for path in shared_data.rglob("*") if path.suffix in {".off", ".obj"})[::15]
     for path in paths:
         mesh = parsed(path)
         area = areas(mesh.vertices, mesh.faces).sum()
         assert areas(*by_trimesh(path)).sum() == pytest.approx(area, rel=1e-9), path.name
-        if path.suffix == ".off":  # of obj files meshio reads those alone that have one normal for each vertex
+        if path.suffix == ".off":  # meshio reads an obj file only if it has one normal for each vertex
             assert areas(*by_meshio(path)).sum() == pytest.approx(area, rel=1e-9), path.name
 
 
 @pytest.mark.parametrize("read", READERS)
 @pytest.mark.parametrize("coloured", [False, True])
-def test_what_is_written_is_read_alike(read, coloured, tmp_path):
+def test_written_files_are_read_by_independent_readers(read, coloured, tmp_path):
     for kind in READERS[read]:
         if kind == "off" and coloured and read is by_meshio:
-            continue  # it knows the word OFF, and not COFF; the two others read it
+            continue  # meshio does not know COFF; the other two readers do
         path = tmp_path / f"torus.{kind}"
         path.write_bytes(write_mesh(TORUS.vertices, TORUS.faces, kind, colours=COLOURS if coloured else None))
         with warnings.catch_warnings():
@@ -117,15 +117,15 @@ def written_by_trimesh(kind: str, ascii_: bool) -> bytes:
     return data.encode() if isinstance(data, str) else data
 
 
-@pytest.mark.parametrize("kind", ["off", "obj", "ply", "stl", "glb"])
+WRITERS = [(writer, kind) for writer in ("trimesh", "meshio", "pymeshlab") for kind in ("off", "obj", "ply", "stl")]
+
+
 @pytest.mark.parametrize("ascii_", [False, True])
-@pytest.mark.parametrize("writer", ["trimesh", "meshio", "pymeshlab"])
-def test_what_others_write_is_read(writer, kind, ascii_, tmp_path):
+@pytest.mark.parametrize(("writer", "kind"), [*WRITERS, ("trimesh", "glb")])
+def test_files_of_independent_writers_are_read(writer, kind, ascii_, tmp_path):
     path = tmp_path / f"torus.{kind}"
     if writer == "trimesh":
         path.write_bytes(written_by_trimesh(kind, ascii_))
-    elif kind == "glb":
-        return  # trimesh alone writes it
     elif writer == "meshio":
         mesh = meshio.Mesh(TORUS.vertices, [("triangle", TORUS.faces)])
         mesh.write(path, **({"binary": not ascii_} if kind in {"stl", "ply"} else {}))
@@ -138,7 +138,7 @@ def test_what_others_write_is_read(writer, kind, ascii_, tmp_path):
     assert mesh.notes == ()
 
 
-def test_polygons_of_a_writer_of_others_are_read(tmp_path):
+def test_polygons_written_by_meshio_are_read(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0.0]])
     for kind in ("obj", "ply"):
         path = tmp_path / f"mixed.{kind}"
@@ -149,7 +149,7 @@ def test_polygons_of_a_writer_of_others_are_read(tmp_path):
         np.testing.assert_array_equal(mesh.faces, [[1, 4, 2], [0, 1, 2], [0, 2, 3]])
 
 
-def test_texture_coordinates_written_to_glb_are_where_others_look():
+def test_texture_coordinates_in_glb_are_read_by_trimesh():
     uv = np.column_stack([np.linspace(0, 1, len(TORUS.vertices)), np.linspace(1, 0.5, len(TORUS.vertices))])
     data = write_mesh(TORUS.vertices, TORUS.faces, "glb", uv=uv)
     mesh = trimesh.load(io.BytesIO(data), file_type="glb", process=False, force="mesh")

@@ -1,4 +1,4 @@
-"""Where the vertices of a file are on the surface that was read from it."""
+"""The correspondence between the vertices of a file and those of the surface read from it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from unbend.errors import ParameterError
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex
 
 WHOLE = two_rings(0, columns=40, rows=20)
-LARGE = 800  # vertices of the large ring, which come first
+LARGE = 800  # number of vertices of the large ring, which come first
 
 
 def read(**policy: object) -> Surface:
@@ -19,7 +19,7 @@ def read(**policy: object) -> Surface:
 
 
 @pytest.mark.parametrize("components", ["largest", "bridge"])
-def test_vertices_stay_where_they_are_on_a_surface_that_was_not_simplified(components):
+def test_vertices_of_an_unsimplified_surface_keep_their_index(components):
     surface = read(components=components)
     assert [surface_vertex(surface, vertex, "source") for vertex in (0, LARGE, 817)] == [0, LARGE, 817]
     values = np.arange(818.0)
@@ -27,20 +27,20 @@ def test_vertices_stay_where_they_are_on_a_surface_that_was_not_simplified(compo
 
 
 @pytest.mark.parametrize(("components", "left"), [("largest", LARGE), ("bridge", 818)])
-def test_vertices_of_a_simplified_mesh_are_near_their_places_on_the_surface(components, left):
+def test_vertices_of_a_simplified_mesh_map_to_near_vertices(components, left):
     surface = read(components=components, max_vertices=300)
     assert len(surface.vertices) <= 300
     places = [surface_vertex(surface, vertex, "source") for vertex in range(left)]
     apart = np.linalg.norm(surface.vertices[places] - read().vertices[:left], axis=1)
     assert apart.mean() < 0.1
-    assert apart.max() < 0.6  # the large ring is 2.4 across
+    assert apart.max() < 0.6  # the diameter of the large ring is 2.4
     values = at_given_vertices(surface, np.arange(float(len(surface.vertices))))
     np.testing.assert_array_equal(values[:left], places)
     assert np.isinf(values[left:]).all()
     assert len(values) == 818
 
 
-def test_a_vertex_that_vanished_is_refused_with_its_number_in_the_file():
+def test_a_vertex_lost_in_simplification_is_refused_with_its_index_in_the_file():
     surface = read(max_vertices=300)
     with pytest.raises(ParameterError, match="target: vertex 800 was removed when the mesh was simplified"):
         surface_vertex(surface, LARGE, "target")
@@ -48,6 +48,6 @@ def test_a_vertex_that_vanished_is_refused_with_its_number_in_the_file():
 
 @pytest.mark.parametrize("policy", [{}, {"max_vertices": 300}])
 @pytest.mark.parametrize("vertex", [-1, 818, 2**31 - 1])
-def test_a_vertex_that_the_file_does_not_have_is_refused(policy, vertex):
+def test_a_vertex_outside_the_file_is_refused(policy, vertex):
     with pytest.raises(ParameterError, match=f"source: the mesh has no vertex {vertex}, only 0 to 817"):
         surface_vertex(read(**policy), vertex, "source")

@@ -1,4 +1,4 @@
-"""What a file is shows in its content: by evidence, not by its first word, and never by its name alone."""
+"""Detection of the file format by the content, and never by the file name alone."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def zipped(name: str) -> bytes:
     return packed.getvalue()
 
 
-def test_the_registry_has_the_formats_that_are_named():
+def test_the_registry_has_all_named_formats():
     assert set(REGISTRY) == set(NAMES) == set(FORMATS)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("hint", [None, "", "txt", "obj", "stl"])
-def test_content_tells_whatever_the_name_is(kind, hint):
+def test_the_format_is_detected_by_content_whatever_the_name(kind, hint):
     for data in seeds(kind):
         assert detect_format(data, hint) == kind
 
@@ -54,7 +54,7 @@ def test_content_tells_whatever_the_name_is(kind, hint):
         (b"facet normal 0 0 1\n", "stl"),
     ],
 )
-def test_text_is_told_by_its_first_words(data, kind):
+def test_text_formats_are_detected_by_their_first_words(data, kind):
     assert detect_format(data) == kind
 
 
@@ -88,7 +88,7 @@ def test_text_is_told_by_its_first_words(data, kind):
     ],
 )
 @pytest.mark.parametrize("hint", [None, "obj", "stl"])
-def test_other_files_are_named_and_so_is_what_is_read(data, name, hint):
+def test_unsupported_formats_are_named_with_the_supported_ones(data, name, hint):
     with pytest.raises(MeshFormatError, match=name) as raised:
         detect_format(data, hint)
     assert "off, obj, ply, stl, glb" in str(raised.value)
@@ -97,25 +97,25 @@ def test_other_files_are_named_and_so_is_what_is_read(data, name, hint):
 @pytest.mark.parametrize(
     "data", [b"off the record\n", b"plywood\n", b"solid ground\n", b"offset 1 2\n", b"verse 1 2\n"]
 )
-def test_words_that_only_begin_alike_are_no_formats(data):
+def test_words_that_only_begin_like_a_keyword_are_not_detected(data):
     with pytest.raises(MeshFormatError, match="format of the file is unknown"):
         detect_format(data)
 
 
 @pytest.mark.parametrize("hint", [None, "", "glb", "obj", "off", "ply", "stl", "txt"])
 @pytest.mark.parametrize("data", [b"", b" \r\n\t\n"])
-def test_an_empty_file_is_called_empty_whatever_its_name_is(data, hint):
+def test_an_empty_file_is_reported_as_empty_whatever_its_name(data, hint):
     with pytest.raises(MeshFormatError, match="the file is empty"):
         detect_format(data, hint)
 
 
 @pytest.mark.parametrize("hint", ["glb", "ply"])
-def test_a_name_is_no_evidence_for_a_format_that_begins_with_its_own(hint):
+def test_a_file_name_does_not_replace_the_magic_bytes_of_a_format(hint):
     with pytest.raises(MeshFormatError, match=f"does not begin like a {hint} file"):
         detect_format(bytes(range(1, 256)), hint)
 
 
-def test_a_length_that_fits_is_not_enough_where_bytes_are_left_over():
+def test_extra_bytes_prevent_the_detection_of_binary_stl():
     noise = b"\xff" * 80 + struct.pack("<I", 1) + b"\xff" * 60
     with pytest.raises(MeshFormatError):
         detect_format(noise)

@@ -1,4 +1,4 @@
-"""glb files as glTF 2.0 allows them: what is in the scene and where, what is told, and what is refused."""
+"""glb files by glTF 2.0: scenes and transforms, notes about skipped parts, and errors."""
 
 from __future__ import annotations
 
@@ -53,18 +53,18 @@ TEXT = json.dumps(LAYOUT).encode()
         glb(LAYOUT | {"extensionsRequired": ["EXT_mesh_features", "KHR_techniques_webgl"]}, DATA),
     ],
 )
-def test_the_same_mesh_in_other_manners(data):
+def test_variants_of_a_glb_file_give_the_same_mesh(data):
     assert check(data) == ()
 
 
-def test_a_size_that_does_not_count_the_padding_is_followed():
+def test_a_chunk_size_without_the_padding_is_accepted():
     text = TEXT + b" " * (-len(TEXT) % 4 + 1)
     first = struct.pack("<I4s", len(text), b"JSON") + text + b"\0" * (-len(text) % 4)
     body = first + struct.pack("<I4s", len(DATA), b"BIN\0") + DATA
     assert check(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body) == ()
 
 
-def test_no_indices_means_one_corner_after_the_other():
+def test_a_primitive_without_indices_uses_vertices_in_order():
     layout, _ = triangle_layout()
     del layout["meshes"][0]["primitives"][0]["indices"]
     layout["accessors"][0]["count"] = 6
@@ -89,14 +89,14 @@ def sparse_only(count: int) -> bytes:
     return glb(layout, data + bytes([1, 2, 3]))
 
 
-def test_sparse_positions_stand_on_zeros():
+def test_sparse_positions_without_a_buffer_start_from_zeros():
     assert check(sparse_only(4)) == ()
     for count in (10**6, 10**9):
         with pytest.raises(MeshReadError, match=f"{count:,} elements, .* data has"):
             parsed(sparse_only(count))
 
 
-def test_the_transform_of_a_node_with_a_skin_is_ignored_and_told():
+def test_the_transform_of_a_skinned_node_is_ignored_with_a_note():
     nodes = [{"children": [1, 2], "scale": [2, 2, 2]}, {"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {"mesh": 0}]
     mesh = parsed(glb(LAYOUT | {"nodes": nodes, "skins": [{"joints": [0]}]}, DATA))
     np.testing.assert_array_equal(mesh.vertices, [*POINTS, *(2 * np.array(POINTS))])
@@ -107,7 +107,7 @@ def test_the_transform_of_a_node_with_a_skin_is_ignored_and_told():
     )
 
 
-def test_strips_may_restart():
+def test_triangle_strips_may_restart():
     layout, _ = triangle_layout()
     layout["meshes"][0]["primitives"][0]["mode"] = 5
     layout["accessors"][1]["count"] = 8
@@ -142,18 +142,18 @@ INSTANCES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
         (glb(LAYOUT | {"nodes": [{"mesh": 0, "extensions": INSTANCES}]}, DATA), "each mesh is read once"),
     ],
 )
-def test_what_is_skipped_is_told(data, note):
-    (told,) = check(data)
-    assert note in told
+def test_skipped_parts_of_a_glb_file_are_noted(data, note):
+    (reported,) = check(data)
+    assert note in reported
 
 
-def test_morph_targets_are_told():
+def test_morph_targets_are_noted():
     layout, data = triangle_layout()
     layout["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
     assert check(glb(layout, data)) == ("morph targets are not applied",)
 
 
-def test_a_part_without_positions_is_no_surface():
+def test_a_primitive_without_positions_is_ignored():
     assert check(primitives({"attributes": {"NORMAL": 0}, "indices": 1})) == ()
 
 
@@ -172,6 +172,6 @@ def test_a_part_without_positions_is_no_surface():
         (glb(LAYOUT | {"scenes": [{"nodes": []}]}, DATA), MeshReadError, "no triangles"),
     ],
 )
-def test_what_is_wrong_is_said(data, error, message):
+def test_errors_in_a_glb_file_are_reported(data, error, message):
     with pytest.raises(error, match=message):
         parsed(data)

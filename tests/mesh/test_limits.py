@@ -1,4 +1,4 @@
-"""Limits on a file's vertices and triangles hold before anything is allocated; what a header claims is not believed."""
+"""Limits on vertices and triangles apply before memory is allocated, also if a header lies."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def file_of(kind: str) -> bytes:
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_a_file_may_have_as_much_as_the_limits_say_and_no_more(kind):
+def test_a_file_may_have_exactly_as_many_vertices_and_faces_as_the_limits(kind):
     data, vertices, faces = file_of(kind), len(TORUS.vertices), len(TORUS.faces)
     assert len(read_mesh(data, limits=MeshLimits(vertices, faces)).faces) == faces
     for limits in (MeshLimits(vertices=vertices - 1), MeshLimits(faces=faces - 1)):
@@ -48,25 +48,25 @@ def test_a_file_may_have_as_much_as_the_limits_say_and_no_more(kind):
 @pytest.mark.parametrize(
     "data", [b"OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"]
 )
-def test_polygons_count_as_the_triangles_they_become(data):
+def test_polygons_count_as_their_triangles(data):
     assert len(read_mesh(data, limits=MeshLimits(faces=2)).faces) == 2
     with pytest.raises(MeshTooLargeError):
         read_mesh(data, limits=MeshLimits(faces=1))
 
 
-def test_limits_are_about_the_file_and_not_what_a_policy_makes_of_it():
+def test_limits_apply_to_the_file_before_simplification():
     with pytest.raises(MeshTooLargeError):
         read_mesh(file_of("ply"), policy=MeshPolicy(max_vertices=20), limits=MeshLimits(vertices=50))
 
 
-def test_instances_of_a_mesh_count_each():
+def test_each_instance_of_a_mesh_counts():
     layout, data = triangle_layout(nodes=[{"mesh": 0}] * 3, scenes=[{"nodes": [0, 1, 2]}])
     assert len(read_mesh(glb(layout, data), policy=MeshPolicy("bridge"), limits=MeshLimits(12)).vertices) == 12
     with pytest.raises(MeshTooLargeError):
         read_mesh(glb(layout, data), limits=MeshLimits(vertices=11))
 
 
-def test_settings_limit_the_jobs():
+def test_the_settings_of_the_server_limit_meshes():
     assert Settings(max_vertices=7, max_faces=9).limits.mesh == MeshLimits(7, 9)
 
 
@@ -123,8 +123,8 @@ LIES = {
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_a_header_that_lies_costs_nothing(lie):
-    with pytest.raises(MeshError):  # kernels that are compiled here would be counted
+def test_a_lying_header_costs_little_memory_and_time(lie):
+    with pytest.raises(MeshError):  # compiles kernels, so that the measurement does not include this
         read_mesh(LIES[lie], file_type=lie.split(",")[0])
     tracemalloc.start()
     begun = time.process_time()
@@ -176,14 +176,14 @@ BEFORE = [b"x\n", b"v 0 0 0\nf 1 2 3 ", b"OFF\n", b"solid\nfacet\n", b"ply\nform
 
 @pytest.mark.parametrize("repeated", REPEATED)
 @pytest.mark.parametrize("before", BEFORE)
-def test_no_text_takes_more_than_linear_time(before, repeated):
+def test_repetitive_text_is_read_in_linear_time(before, repeated):
     begun = time.process_time()
     with pytest.raises(MeshError):
         read_mesh(before + repeated * (100_000 // len(repeated)))
-    assert time.process_time() - begun < 2  # a blank line more than 20,000 once made that a minute
+    assert time.process_time() - begun < 2  # in an earlier version, 20,000 blank lines took a minute
 
 
-# What of a glb is read, and what is refused rather than taken for something else
+# Features of glb that are read, and features that are refused
 
 
 def test_sparse_accessors_are_read():
@@ -200,7 +200,7 @@ def test_sparse_accessors_are_read():
     np.testing.assert_array_equal(surface.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 2, 2]])
 
 
-def test_primitives_that_share_positions_share_vertices():
+def test_primitives_with_shared_positions_share_vertices():
     layout, data = triangle_layout()
     only = layout["meshes"][0]["primitives"][0]
     layout["accessors"] += [
@@ -214,13 +214,13 @@ def test_primitives_that_share_positions_share_vertices():
 
 
 @pytest.mark.parametrize(("mode", "faces"), [(5, [[0, 1, 2], [3, 2, 1]]), (6, [[0, 1, 2], [0, 2, 3]])])
-def test_strips_and_fans_are_triangles(mode, faces):
+def test_strips_and_fans_become_triangles(mode, faces):
     layout, data = triangle_layout()
     layout["meshes"][0]["primitives"] = [{"attributes": {"POSITION": 0}, "mode": mode}]
     np.testing.assert_array_equal(read_mesh(glb(layout, data)).faces, faces)
 
 
-def test_nodes_place_their_meshes():
+def test_nodes_transform_their_meshes():
     half = 0.5**0.5
     nodes = [
         {"children": [1], "translation": [0, 0, 5]},
@@ -236,7 +236,7 @@ def test_nodes_place_their_meshes():
     np.testing.assert_array_equal(mirrored.faces[0], [2, 1, 0])
 
 
-def test_normalised_integers_are_shares_of_the_largest():
+def test_normalised_integers_are_scaled_to_one():
     layout, _ = triangle_layout()
     layout["accessors"][0] |= {"componentType": 5121, "normalized": True}
     layout["bufferViews"] = [
@@ -263,21 +263,21 @@ def test_normalised_integers_are_shares_of_the_largest():
         ({"accessors": 5}, MeshReadError, "damaged|does not exist"),
     ],
 )
-def test_a_layout_that_cannot_be_followed_is_refused(changes, error, message):
+def test_an_invalid_glb_layout_is_refused(changes, error, message):
     layout, data = triangle_layout(**changes)
     with pytest.raises(error, match=message) as raised:
         read_mesh(glb(layout, data))
     assert len(str(raised.value)) < 200
 
 
-def test_no_decoder_is_run(tmp_path, monkeypatch):
+def test_compressed_data_is_refused_without_running_a_decoder(tmp_path, monkeypatch):
     ran = tmp_path / "ran"
     (tmp_path / "DracoPy.py").write_text(f"open({str(ran)!r}, 'w').close()\n")
     monkeypatch.syspath_prepend(tmp_path)
     extension = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
     layout, data = triangle_layout(extensionsUsed=list(extension))
     layout["meshes"][0]["primitives"][0]["extensions"] = extension
-    assert len(read_mesh(glb(layout, data)).faces) == 2  # what is beside it is not compressed
+    assert len(read_mesh(glb(layout, data)).faces) == 2  # the file also has uncompressed data
     for item in layout["accessors"]:
         del item["bufferView"]
     with pytest.raises(MeshFormatError, match="uncompressed"):

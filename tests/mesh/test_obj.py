@@ -1,4 +1,4 @@
-"""obj files as their text allows them and as other programs write them."""
+"""obj files in all variants that the format allows and other programs write."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PLAIN = ROWS + FACES
 
 
 def check(data: str | bytes) -> tuple[str, ...]:
-    """See that a file has the mesh of `PLAIN`; return what was told beside what is told of that."""
+    """Check that a file has the mesh of `PLAIN`; return its notes, except the notes of `PLAIN` itself."""
     surface = read_mesh(data if isinstance(data, bytes) else data.encode(), file_type="obj")
     np.testing.assert_array_equal(surface.vertices, POINTS)
     np.testing.assert_array_equal(surface.faces, TRIANGLES)
@@ -63,7 +63,7 @@ def behind(rows: str, more: str) -> str:
         "mtllib a b.mtl\no v 1\ng f 1 2 3\n" + ROWS + "vt 0 0\nvn 0 0 1\nvp 1\nusemtl v\ns off\nl 1 2\np 1\n" + FACES,
     ],
 )
-def test_the_same_mesh_in_other_manners(data):
+def test_variants_of_an_obj_file_give_the_same_mesh(data):
     assert check(data) == ()
 
 
@@ -76,9 +76,9 @@ def test_the_same_mesh_in_other_manners(data):
         (PLAIN + "".join(f"word{i}\n" for i in range(9)), "and 4 other words"),
     ],
 )
-def test_what_is_skipped_is_told(data, note):
-    (told,) = check(data)
-    assert note in told
+def test_skipped_parts_of_an_obj_file_are_noted(data, note):
+    (reported,) = check(data)
+    assert note in reported
 
 
 @pytest.mark.parametrize(
@@ -101,18 +101,18 @@ def test_what_is_skipped_is_told(data, note):
         ("\x7fELF\2\1\1\0\0\0", "no line that begins with v or f"),
     ],
 )
-def test_what_is_wrong_is_said(data, message):
+def test_errors_in_an_obj_file_are_reported(data, message):
     with pytest.raises(MeshReadError, match=message):
         read_mesh(data.encode(), file_type="obj")
 
 
 @given(st.lists(st.sampled_from([" ", "\t", "  ", " \\\n", "\\\n", "\\ \n\t"]), min_size=8, max_size=30))
-def test_words_may_be_parted_in_any_way(blanks):
+def test_words_may_be_separated_by_any_blanks_and_continued_lines(blanks):
     parts = PLAIN.split(" ")
     assert check("".join(part + blanks[i % len(blanks)] for i, part in enumerate(parts)).rstrip(" \\\t")) == ()
 
 
-def test_many_polygons_take_no_time():
+def test_many_polygons_are_read_in_seconds():
     number = 100_000
     rows = "".join(f"v {i} {i % 7} 0\n" for i in range(number + 3))
     faces = "".join(f"f {i} {i + 1} {i + 2} {i + 3}\nf {i}/1 {i + 1}/1 {i + 2}/1\n" for i in range(1, number))

@@ -1,4 +1,4 @@
-"""off files as Geomview's text allows them and as other programs write them."""
+"""off files in all variants that Geomview's format allows and other programs write."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def behind(rows: str, more: str) -> str:
 
 
 def check(data: str | bytes) -> tuple[str, ...]:
-    """See that a file has the mesh of `PLAIN`; return what was told beside what is told of that."""
+    """Check that a file has the mesh of `PLAIN`; return its notes, except the notes of `PLAIN` itself."""
     surface = read_mesh(data if isinstance(data, bytes) else data.encode(), file_type="off")
     np.testing.assert_array_equal(surface.vertices, POINTS)
     np.testing.assert_array_equal(surface.faces, TRIANGLES)
@@ -71,7 +71,7 @@ def check(data: str | bytes) -> tuple[str, ...]:
         f"nOFF 3 5 3 0\n{ROWS}{FACES}",
     ],
 )
-def test_the_same_mesh_in_other_manners(data):
+def test_variants_of_an_off_file_give_the_same_mesh(data):
     assert check(data) == ()
 
 
@@ -94,7 +94,7 @@ def test_lines_may_break_anywhere(blanks):
         (PLAIN.replace("5 3", "5 6") + "2 0 1\n1 0\n0\n", "3 faces of fewer than three corners skipped"),
     ],
 )
-def test_what_is_skipped_is_told(data, note):
+def test_skipped_parts_of_an_off_file_are_noted(data, note):
     assert check(data) == (note,)
 
 
@@ -124,11 +124,11 @@ def binary(key: str = "OFF", columns: int = 3, faces: list[list[int]] = TRIANGLE
         b"# by hand\n" + binary("off"),
     ],
 )
-def test_binary_files_are_read(data):
+def test_variants_of_a_binary_off_file_give_the_same_mesh(data):
     assert check(data) == ()
 
 
-def test_binary_files_may_hold_polygons_and_say_what_is_behind_them():
+def test_polygons_in_a_binary_off_file_are_read_and_skipped_parts_noted():
     surface = read_mesh(binary(faces=[[0, 1, 2, 3], [0, 1], [0, 1, 4]]) + b"more")
     np.testing.assert_array_equal(surface.faces, TRIANGLES)
     for note in ("4 bytes after the end skipped", "1 face of fewer than three corners skipped"):
@@ -155,7 +155,7 @@ def test_binary_files_may_hold_polygons_and_say_what_is_behind_them():
         (b"4OFF\n5 3 0\n" + ROWS.encode() + FACES.encode(), MeshReadError, "four coordinates"),
     ],
 )
-def test_what_is_wrong_is_said(data, error, message):
+def test_errors_in_an_off_file_are_reported(data, error, message):
     with pytest.raises(error, match=message):
         read_mesh(data, file_type="off")
 
@@ -166,7 +166,7 @@ def test_a_file_that_ends_early_is_never_a_smaller_mesh(length):
         read_mesh(PLAIN[:length].rstrip().encode(), file_type="off")
 
 
-def test_counts_are_checked_before_all_else():
+def test_counts_beyond_the_limits_are_refused():
     for data in (PLAIN.encode(), PLAIN[4:].encode(), binary()):
         with pytest.raises(MeshTooLargeError):
             read_mesh(data, file_type="off", limits=MeshLimits(vertices=4))

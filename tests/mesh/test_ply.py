@@ -1,4 +1,4 @@
-"""ply files as other programs write them: orders of bytes, further properties, polygons; and damaged ones."""
+"""ply files of other programs: byte orders, further properties, polygons; and damaged files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TEXT = (
 
 
 def binary(order: str, polygons: tuple[tuple[int, ...], ...] = POLYGONS, texture: int = 2) -> bytes:
-    """A file with properties before, between and behind those that are read, and edges at its end."""
+    """Return a file with properties before, between and after the ones that are read, and edges at its end."""
     name = {"<": "little", ">": "big"}[order]
     head = (
         f"ply\r\nformat binary_{name}_endian 1.0\r\ncomment by hand\r\nelement vertex {len(POINTS)}\r\n"
@@ -44,7 +44,7 @@ def binary(order: str, polygons: tuple[tuple[int, ...], ...] = POLYGONS, texture
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("texture", [0, 2])
 @pytest.mark.parametrize("polygons", [POLYGONS, POLYGONS[::-1], POLYGONS[:1] + POLYGONS[2:]])
-def test_binary_files_are_read_in_both_orders_with_polygons_of_any_size(order, polygons, texture):
+def test_binary_ply_files_are_read_in_both_byte_orders(order, polygons, texture):
     surface = read_mesh(binary(order, polygons, texture))
     np.testing.assert_array_equal(surface.vertices, POINTS)
     expected = [[face[0], *face[i : i + 2]] for face in polygons for i in range(1, len(face) - 1)]
@@ -52,7 +52,7 @@ def test_binary_files_are_read_in_both_orders_with_polygons_of_any_size(order, p
 
 
 @pytest.mark.parametrize("text", [TEXT, TEXT.replace("\n", "\r\n"), TEXT.replace("vertex_indices", "corners")])
-def test_text_is_read(text):
+def test_text_ply_files_are_read(text):
     surface = read_mesh(text.encode())
     np.testing.assert_array_equal(surface.vertices, POINTS)
     np.testing.assert_array_equal(surface.faces, FACES)
@@ -62,7 +62,7 @@ HEADER, ROWS = TEXT.split("end_header\n")
 
 
 def beginning(order: str) -> tuple[str, bytes]:
-    """The header of a binary file up to its faces, and its vertices."""
+    """Return the header of a binary file up to its faces, and its vertices as bytes."""
     whole = binary(order)
     rows = whole[whole.index(b"end_header\r\n") + 12 :]
     return whole.partition(b"element face")[0].decode(), rows[: 5 * struct.calcsize("<Bddhf")]
@@ -92,7 +92,7 @@ def test_strips_of_triangles_alternate_and_end_at_minus_one():
         (binary(">", (*POLYGONS, ())), "1 face of fewer than three corners skipped"),
     ],
 )
-def test_what_is_skipped_is_told(data, note):
+def test_skipped_parts_of_a_ply_file_are_noted(data, note):
     report = read_mesh(data).report
     assert note in report.notes
 
@@ -115,7 +115,7 @@ WITH_QUALITY = re.sub("^(. . [.0-9]+)$", r"\1 -1.#IND00", TEXT, flags=re.MULTILI
         WITH_QUALITY.encode(),
     ],
 )
-def test_text_of_other_manners_is_the_same(data):
+def test_variants_of_a_text_ply_file_give_the_same_mesh(data):
     surface = read_mesh(data)
     np.testing.assert_array_equal(surface.vertices, POINTS)
     np.testing.assert_array_equal(surface.faces, FACES)
@@ -124,7 +124,7 @@ def test_text_of_other_manners_is_the_same(data):
 
 @pytest.mark.parametrize("counter", LETTERS)
 @pytest.mark.parametrize("order", "<>")
-def test_lists_may_have_any_type_of_length(counter, order):
+def test_the_length_of_a_list_may_have_any_type(counter, order):
     head, body = beginning(order)
     head += f"element face 3\r\nproperty list {counter} uchar vertex_index\r\nend_header\r\n"
     body += b"".join(struct.pack(f"{order}{LETTERS[counter]}{len(face)}B", len(face), *face) for face in POLYGONS)
@@ -133,24 +133,24 @@ def test_lists_may_have_any_type_of_length(counter, order):
         read_mesh(head.encode() + body[:-1])
 
 
-def test_many_faces_of_mixed_sizes_take_no_time():
+def test_many_faces_of_mixed_sizes_are_read_in_seconds():
     number = 300_000
     polygons = np.tile([3, 0, 1, 2, 4, 0, 2, 3, 4], number).astype("<u1").tobytes()
     head = HEADER.replace("ascii", "binary_little_endian").replace("uchar int", "uchar uchar")
     head = head.replace("face 3", f"face {2 * number}") + "end_header\n"
     data = head.encode() + np.array(POINTS, "<f4").tobytes() + polygons
-    read_mesh(binary("<"))  # compiled
+    read_mesh(binary("<"))  # compiles the kernels
     begun = time.process_time()
     assert read_mesh(data).report.faces == 3 * number
     assert time.process_time() - begun < 10
 
 
-def test_polygons_whose_corners_are_as_many_as_if_all_were_quads_are_not_taken_for_quads():
+def test_mixed_polygons_with_the_size_of_quads_are_not_read_as_quads():
     surface = read_mesh(binary("<", ((0, 1, 2, 3), (0, 1, 4), (0, 1, 2, 3, 4))))
     np.testing.assert_array_equal(surface.faces[:4], [[0, 1, 2], [0, 2, 3], [0, 1, 4], [0, 3, 4]])
 
 
-def test_a_reader_of_others_finds_the_same():
+def test_ply_files_of_trimesh_are_read():
     import trimesh
 
     shape = torus(columns=12, rows=9)
@@ -191,7 +191,7 @@ def test_a_reader_of_others_finds_the_same():
         (binary("<")[:-5], "ends early"),
     ],
 )
-def test_what_is_wrong_is_said(data, message):
+def test_errors_in_a_ply_file_are_reported(data, message):
     with pytest.raises(MeshReadError, match=message) as raised:
         read_mesh(data)
     assert len(str(raised.value)) < 200

@@ -1,4 +1,4 @@
-"""Reading policies: a frozen, hashable value that survives JSON."""
+"""Reading policies: hashable values that can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from unbend.errors import ParameterError
         seams=st.sampled_from(["stitch", "keep"]),
     )
 )
-def test_json_round_trip_and_hash(policy):
+def test_a_policy_survives_json_with_an_equal_hash(policy):
     again = MeshPolicy.from_json(policy.to_json())
     assert again == policy
     assert hash(again) == hash(policy)
     assert MeshPolicy.from_dict(policy.as_dict()) == policy
 
 
-def test_what_is_left_out_of_the_json_stays_at_its_default():
+def test_missing_fields_of_a_policy_have_their_defaults():
     assert MeshPolicy.from_json("{}") == MeshPolicy()
     assert MeshPolicy.from_json('{"max_vertices": 100}') == MeshPolicy(max_vertices=100)
 
@@ -57,6 +57,6 @@ def test_what_is_left_out_of_the_json_stays_at_its_default():
         ('{"smooth": "2"}', "smooth"),
     ],
 )
-def test_what_is_out_of_range_is_refused_by_name(text, message):
+def test_an_invalid_field_of_a_policy_is_named(text, message):
     with pytest.raises(ParameterError, match=message):
         MeshPolicy.from_json(text)

@@ -1,4 +1,4 @@
-"""Polygons become triangles that cover them once, whatever their shape, in every format alike."""
+"""Triangulation of polygons: the triangles cover any polygon once, and do not depend on the file format."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from unbend.mesh.limits import UNLIMITED, MeshLimits
 
 
 def cut(outline, rings=None):
-    """The triangles and notes of one polygon, or of some."""
+    """Return the triangles and notes of one polygon, or of several."""
     points = np.asarray(outline, float)
     rings = [range(len(points))] if rings is None else rings
     corners = np.array([corner for ring in rings for corner in ring], np.int64)
@@ -35,7 +35,7 @@ def in_plane(outline):
 
 @st.composite
 def star_shapes(draw):
-    """A simple polygon around the origin, concave as a rule, anywhere in space, beginning at any corner."""
+    """Draw a simple, mostly concave polygon anywhere in space, starting at any corner."""
     count = draw(st.integers(4, 30))
     radii = np.array(draw(st.lists(st.floats(0.1, 10), min_size=count, max_size=count)))
     angles = 2 * np.pi * (np.arange(count) + 0.3 * np.sin(np.arange(count))) / count
@@ -47,13 +47,13 @@ def star_shapes(draw):
 
 
 def shoelace(points):
-    """The vector area of an outline."""
+    """Return the vector area of an outline."""
     around = points - points[0]
     return np.cross(around[:-1], around[1:]).sum(axis=0) / 2
 
 
 @given(star_shapes())
-def test_triangles_cover_a_polygon_once_and_face_as_it_does(points):
+def test_triangles_cover_a_polygon_once_with_its_orientation(points):
     faces, notes = cut(points)
     whole = shoelace(points)
     size = np.linalg.norm(whole)
@@ -65,14 +65,14 @@ def test_triangles_cover_a_polygon_once_and_face_as_it_does(points):
 
 
 @given(star_shapes())
-def test_the_outline_stays_whole(points):
+def test_the_boundary_of_the_triangles_is_the_outline(points):
     faces, _ = cut(points)
     edges = {(a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)}
     boundary = {edge for edge in edges if edge[::-1] not in edges}
     assert boundary == {(corner, (corner + 1) % len(points)) for corner in range(len(points))}
 
 
-def test_corners_on_a_line_are_not_lost():
+def test_collinear_corners_are_kept():
     outline = [
         [0, 0],
         [1, 0],
@@ -97,7 +97,7 @@ def test_corners_on_a_line_are_not_lost():
         assert notes == ()
 
 
-def test_a_hole_that_a_bridge_joins_to_the_outline_stays_a_hole():
+def test_a_hole_connected_to_the_outline_stays_a_hole():
     points = in_plane([[0, 0], [4, 0], [4, 4], [0, 4], [1, 1], [1, 3], [3, 3], [3, 1], [0, 0], [1, 1]])
     for ring in ([0, 1, 2, 3, 0, 4, 5, 6, 7, 4], [0, 1, 2, 3, 8, 9, 5, 6, 7, 4]):
         for turn in range(len(ring)):
@@ -108,7 +108,7 @@ def test_a_hole_that_a_bridge_joins_to_the_outline_stays_a_hole():
             assert notes == ()
 
 
-def test_a_spiral_of_thousands_of_corners_takes_no_time():
+def test_a_spiral_of_thousands_of_corners_is_cut_in_seconds():
     turn = np.linspace(0, 8 * np.pi, 4000)
     inner, outer = (np.column_stack([(turn + d) * np.cos(turn), (turn + d) * np.sin(turn)]) for d in (0, 2))
     points = in_plane(np.concatenate([inner, outer[::-1]]))
@@ -119,7 +119,7 @@ def test_a_spiral_of_thousands_of_corners_takes_no_time():
     assert notes == ()
 
 
-def test_good_polygons_are_fans_around_their_first_corner():
+def test_convex_polygons_become_fans_around_their_first_corner():
     angles = np.arange(7) * 2 * np.pi / 7
     faces, _ = cut(in_plane(np.column_stack([np.cos(angles), np.sin(angles)])))
     assert faces.tolist() == [[0, i, i + 1] for i in range(1, 6)]
@@ -128,14 +128,14 @@ def test_good_polygons_are_fans_around_their_first_corner():
 
 
 @pytest.mark.parametrize("first", range(4))
-def test_a_dart_is_cut_at_its_notch(first):
+def test_a_dart_is_cut_at_its_reflex_corner(first):
     points = in_plane(np.roll([[0, 0], [2, 0], [0.5, 0.5], [0, 2]], first, axis=0))
     faces, notes = cut(points)
     np.testing.assert_allclose(areas(points, faces)[:, 2], 0.5)
     assert notes == ()
 
 
-def test_polygons_of_all_kinds_keep_their_order():
+def test_mixed_polygons_keep_their_order():
     points = in_plane([[0, 0], [2, 0], [0.5, 0.5], [0, 2], [4, 4], [5, 4], [5, 5]])
     faces, notes = cut(points, [(4, 5, 6), (1, 2, 3, 0), (0, 1), (4, 5, 5, 6), (6, 5, 4)])
     assert faces[[0, -1]].tolist() == [[4, 5, 6], [6, 5, 4]]
@@ -154,7 +154,7 @@ def test_polygons_of_all_kinds_keep_their_order():
         [[np.cos(a), np.sin(a)] for a in np.arange(5) * 4 * np.pi / 5],
     ],
 )
-def test_crossing_and_flat_polygons_are_told(outline):
+def test_crossing_and_flat_polygons_are_noted(outline):
     _, notes = cut(in_plane(outline))
     assert len(notes) == 1
     assert "crossing edges or no area" in notes[0]
@@ -167,12 +167,12 @@ def test_a_corner_that_is_not_finite_is_left_to_repair():
     assert notes == ()
 
 
-def test_limits_hold_before_triangles_are_made():
+def test_the_limit_of_faces_applies_before_triangulation():
     with pytest.raises(MeshTooLargeError):
         triangulated(np.zeros((5, 3)), np.arange(5), np.array([5]), MeshLimits(faces=2))
 
 
-def test_a_polygon_too_large_to_clip_is_refused():
+def test_a_concave_polygon_with_too_many_corners_is_refused():
     teeth = np.arange(100_001)
     outline = np.concatenate([np.column_stack([teeth, teeth % 2 * 9.0]), [[1e5, -1], [0, -1]]])
     with pytest.raises(MeshReadError, match="face that is not convex"):
@@ -203,7 +203,7 @@ def pentagon(kind: str) -> bytes:
 
 
 @pytest.mark.parametrize("kind", ["off", "binary off", "obj", "ply", "binary ply"])
-def test_every_format_cuts_alike(kind):
+def test_every_format_gives_the_same_triangles(kind):
     surface = read_mesh(pentagon(kind))
     assert surface.area == pytest.approx(10)
     assert surface.report.components == 1

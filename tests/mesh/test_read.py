@@ -1,4 +1,4 @@
-"""Reading: every format gives the file's own vertices; damage gives a typed error that says where."""
+"""Reading meshes: every format keeps the vertices of the file, and damage raises a typed error with the place."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ OBJ = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1.5\nf 1 2 3\nf 1 3 4\nf 1 2 5
 
 
 @pytest.mark.parametrize("file_type", ["off", "obj", "ply", "glb"])
-def test_formats_keep_vertices_and_faces_in_order(file_type):
+def test_every_format_keeps_the_order_of_vertices_and_faces(file_type):
     surface = read_mesh(write_mesh(VERTICES, FACES, file_type))
     assert surface.report.file_type == file_type
     np.testing.assert_allclose(surface.vertices, VERTICES, atol=1e-7)
     np.testing.assert_array_equal(surface.faces, FACES)
 
 
-def test_stl_is_welded_because_it_shares_no_vertices():
+def test_copies_of_vertices_in_stl_are_joined():
     import trimesh
 
     data = trimesh.Trimesh(VERTICES, FACES, process=False).export(file_type="stl")
@@ -36,7 +36,7 @@ def test_stl_is_welded_because_it_shares_no_vertices():
     assert len(surface.vertices) == 5
     assert surface.report.components == 1
     np.testing.assert_array_equal(surface.vertices[surface.faces], VERTICES[FACES].astype(np.float32))
-    np.testing.assert_array_equal(surface.vertices, VERTICES[[0, 1, 2, 3, 4]].astype(np.float32))  # as they appear
+    np.testing.assert_array_equal(surface.vertices, VERTICES.astype(np.float32))  # in order of appearance
 
 
 def test_text_stl_is_read():
@@ -53,14 +53,14 @@ SOLID = (
 )
 
 
-def test_solids_of_one_file_are_one_surface_however_many():
+def test_all_solids_of_an_stl_file_are_one_surface():
     other = SOLID.replace(b"0 0 0", b"1 1 0").replace(b"\n", b"\r\n").upper()
     surface = read_mesh(SOLID + other)
     np.testing.assert_array_equal(surface.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     np.testing.assert_array_equal(surface.faces, [[0, 1, 2], [3, 1, 2]])
     begun = time.process_time()
     assert read_mesh(SOLID * 5000).report.faces == 5000
-    assert time.process_time() - begun < 4  # as a mesh each they took 10
+    assert time.process_time() - begun < 4  # reading each solid as a mesh took 10 seconds
 
 
 def test_a_path_and_a_binary_file_are_read_like_bytes(tmp_path):
@@ -72,7 +72,7 @@ def test_a_path_and_a_binary_file_are_read_like_bytes(tmp_path):
         np.testing.assert_array_equal(surface.vertices, VERTICES)
 
 
-def test_a_vertex_in_copies_is_one_where_an_edge_joins_them_unless_seams_are_kept():
+def test_copies_of_a_vertex_at_a_seam_are_joined_unless_seams_are_kept():
     doubled = OBJ + b"v 0 0 0\nv 0 2 0\nf 6 4 7\nf 4 3 7\n"
     surface = read_mesh(doubled)
     assert surface.report.seams == 1
@@ -81,7 +81,7 @@ def test_a_vertex_in_copies_is_one_where_an_edge_joins_them_unless_seams_are_kep
     assert (len(cut.vertices), cut.faces.max(), cut.vertex_map) == (7, 6, None)
 
 
-def test_obj_texture_and_material_do_not_split_vertices():
+def test_textures_and_materials_of_obj_do_not_split_vertices():
     data = (
         b"mtllib no.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\no first\nusemtl red\n"
         b"f 1/1/1 2/2/1 3/1/1\ng second\nusemtl blue\nf -4/2 -2/1 -1/2\n"
@@ -100,12 +100,12 @@ def test_polygons_become_triangles_of_the_same_area(data):
     assert surface.area == pytest.approx(1.0)
 
 
-def test_pentagons_and_triangles_mix():
+def test_pentagons_and_triangles_can_be_mixed():
     data = b"v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nv 3 0 0\nf 1 2 3 4 5\nf 2 6 3\n"
     assert read_mesh(data).area == pytest.approx(3.5)
 
 
-def test_the_content_decides_and_not_the_name():
+def test_the_content_of_a_file_decides_about_its_format():
     assert read_mesh(OFF, file_type="ply").report.file_type == "off"
 
 
@@ -137,12 +137,12 @@ def test_the_content_decides_and_not_the_name():
         (b"glTF\x02\x00\x00\x00garbage", MeshReadError, "glb"),
     ],
 )
-def test_bad_files_raise_typed_errors_that_say_what_and_where(data, error, message):
+def test_damaged_files_raise_typed_errors_with_the_place(data, error, message):
     with pytest.raises(error, match=message):
         read_mesh(data)
 
 
-def test_the_largest_component_is_kept_and_indices_do_not_shift():
+def test_only_the_largest_component_is_kept_with_unchanged_indices():
     data = b"v 9 9 9\nv 9.1 9 9\nv 9 9.1 9\nf 1 2 3\n" + b"".join(
         line + b"\n" if line.startswith(b"v") else line.replace(b" 1 ", b" 4 ").replace(b"2 ", b"5 ") + b"\n"
         for line in (b"v 0 0 0", b"v 1 0 0", b"v 1 1 0", b"f 1 2 6")
@@ -177,18 +177,18 @@ def test_any_damage_gives_a_surface_or_a_typed_error(data, draw):
     assert surface.area > 0
 
 
-def test_real_meshes_are_read_as_their_table_says(labelled):
+def test_reports_of_real_meshes_equal_the_table(labelled):
     for dataset in ("single", "dirty", "tosca5k"):
         for path, row in labelled(dataset):
             report = read_mesh(path, policy=MeshPolicy(components="bridge", seams="keep")).report
             assert (report.vertices, report.faces) == (int(row["nv"]), int(row["nf"])), path.name
             assert report.components == int(row["components"]), path.name
-            if not report.duplicate_faces:  # the table counts the edges of duplicates too
+            if not report.duplicate_faces:  # the table also counts edges of duplicate faces
                 for name in ("boundary_edges", "nonmanifold_edges", "nonmanifold_vertices"):
                     assert getattr(report, name) == int(row[name]), (path.name, name)
 
 
-def test_a_file_is_simplified_where_the_policy_says_so():
+def test_a_file_is_simplified_by_its_policy():
     ball = sphere(3)
     surface = read_mesh(write_mesh(ball.vertices, ball.faces, "ply"), policy=MeshPolicy(max_vertices=100))
     assert len(surface.vertices) <= 100

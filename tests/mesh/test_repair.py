@@ -1,4 +1,4 @@
-"""Any mesh a person owns: what is found, what is done about it, and what never changes."""
+"""Repair of damaged meshes: the defects found, the repairs, and what repair never changes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COUNTS = (
 
 
 def found(surface):
-    """What the report counts, without zeros."""
+    """Return the counts of the report that are not zero."""
     return {name: value for name in COUNTS if (value := getattr(surface.report, name))}
 
 
@@ -40,7 +40,7 @@ def faces_with(*faces):
 
 
 def torn():
-    """The ball's vertices and one more at the place of A, which the last face uses in its stead."""
+    """Return the ball with a copy of vertex A, which the last face uses instead of A."""
     faces = BALL.faces.copy()
     faces[-1][faces[-1] == A] = SIZE
     return vertices_with(BALL.vertices[A]), faces
@@ -62,7 +62,7 @@ HOLE = {
 }
 ISLAND = [[5, 0, 0], [5, 0.1, 0], [5, 0, 0.1]]
 
-# The rows of the table "What breaks the peers": a sphere with one defect each, and what is found.
+# The defects that break other libraries: a sphere with one defect each, and the expected counts.
 DEFECTS = {
     "two components": (vertices_with(*ISLAND), faces_with([SIZE, SIZE + 1, SIZE + 2]), {}),
     "isolated vertex": (vertices_with([5, 5, 5]), BALL.faces, {"isolated_vertices": 1}),
@@ -91,7 +91,7 @@ DEFECTS = {
 
 
 @pytest.mark.parametrize(("vertices", "faces", "expected"), DEFECTS.values(), ids=DEFECTS)
-def test_every_defect_is_found_and_named_and_moves_no_vertex(vertices, faces, expected):
+def test_every_defect_is_found_and_noted_without_moving_vertices(vertices, faces, expected):
     surface = repair(vertices, faces, policy=KEEP)
     assert found(surface) == expected
     assert len(surface.report.notes) == len(expected) - ("nonfinite_vertices" in expected) + (
@@ -102,7 +102,7 @@ def test_every_defect_is_found_and_named_and_moves_no_vertex(vertices, faces, ex
 
 
 @pytest.mark.parametrize(("vertices", "faces", "expected"), DEFECTS.values(), ids=DEFECTS)
-def test_distances_on_a_defective_ball_are_those_of_the_whole_one(vertices, faces, expected):
+def test_distances_on_a_damaged_sphere_equal_those_on_the_intact_one(vertices, faces, expected):
     source = int(np.linalg.norm(BALL.vertices - BALL.vertices[A], axis=1).argmax())
     surface = repair(vertices, faces, policy=KEEP)
     distances = geodesic_distances(surface, source)[0]
@@ -114,7 +114,7 @@ def test_distances_on_a_defective_ball_are_those_of_the_whole_one(vertices, face
     np.testing.assert_allclose(distances[reached], whole[reached], rtol=0.02)
 
 
-def test_several_defects_at_once_are_counted_each():
+def test_several_defects_are_counted_separately():
     vertices = vertices_with([np.nan] * 3, [7, 7, 7], BALL.vertices[A])
     faces = faces_with([B, C, SIZE], [B, C, C], [A, B, C], [SIZE + 2, B, C])
     surface = repair(vertices, faces)
@@ -132,8 +132,8 @@ def test_several_defects_at_once_are_counted_each():
     np.testing.assert_array_equal(surface.faces, faces_with([SIZE + 2, B, C]))
 
 
-def test_zero_area_faces_are_counted_and_kept_for_they_may_connect():
-    # Two squares whose common side has a vertex in its middle on one side only: the zipper closes the slit.
+def test_faces_of_zero_area_are_counted_and_kept():
+    # The common side of two squares has a middle vertex in one square only; a face without area closes the slit.
     vertices = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 1, 0], [0, 2, 0], [1, 2, 0]]
     faces = [[0, 1, 2], [0, 2, 3], [3, 4, 5], [4, 6, 5], [4, 2, 6], [3, 2, 4]]
     surface = repair(vertices, faces)
@@ -145,13 +145,13 @@ def test_zero_area_faces_are_counted_and_kept_for_they_may_connect():
 
 @pytest.mark.parametrize("small", [1.0, 1e-7])
 @pytest.mark.parametrize(("height", "count"), [(1e-6, 0), (1e-12, 1)])
-def test_a_thin_or_small_face_is_not_of_zero_area(small, height, count):
+def test_thin_and_small_faces_do_not_count_as_zero_area(small, height, count):
     vertices = np.array([[0, 0, 0], [small, 0, 0], [0.5 * small, height * small, 0], [1, 0, 0], [0, 1, 0]])
     assert repair(vertices, [[0, 1, 2], [0, 3, 4]]).report.zero_area_faces == count
 
 
 @pytest.mark.parametrize("scale", [1e-120, 1e-30, 1e30, 1e120])
-def test_a_mesh_is_the_same_in_any_unit(scale):
+def test_repair_does_not_depend_on_the_unit(scale):
     vertices, faces, expected = DEFECTS["coincident vertices"]
     surface = repair(scale * vertices, faces, policy=KEEP)
     assert found(surface) == expected
@@ -172,7 +172,7 @@ def test_a_mesh_is_the_same_in_any_unit(scale):
         ([[0, 0, 0], [1e200, 0, 0], [0, 1e200, 0]], [[0, 1, 2]], "scale its coordinates"),
     ],
 )
-def test_what_holds_no_surface_is_refused_by_name(vertices, faces, message):
+def test_a_mesh_without_a_surface_is_refused_with_the_reason(vertices, faces, message):
     with pytest.raises(MeshGeometryError, match=message):
         repair(vertices, faces)
 
@@ -180,11 +180,11 @@ def test_what_holds_no_surface_is_refused_by_name(vertices, faces, message):
 @pytest.mark.parametrize(
     ("surface", "loops"), [(torus(), 0), (sheet(columns=4, rows=3), 1), (BALL, 0)], ids=["torus", "sheet", "ball"]
 )
-def test_rims_are_counted(surface, loops):
+def test_boundary_loops_are_counted(surface, loops):
     assert repair(surface.vertices, surface.faces).report.boundary_loops == loops
 
 
-def test_a_rim_runs_from_face_to_face_and_never_jumps_between_fans():
+def test_two_faces_that_share_a_vertex_have_two_boundary_loops():
     two = repair([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], [[0, 1, 2], [0, 3, 4]])
     assert (two.report.nonmanifold_vertices, two.report.boundary_loops) == (1, 2)
 
@@ -208,7 +208,7 @@ def test_a_moebius_strip_cannot_be_oriented():
     assert (report.misoriented_edges, report.boundary_loops, report.nonmanifold_vertices) == (1, 1, 0)
 
 
-def test_components_are_kept_refused_or_linked():
+def test_components_are_dropped_linked_or_refused_by_policy():
     vertices, faces, _ = DEFECTS["two components"]
     assert len(repair(vertices, faces).faces) == len(BALL.faces)
     assert len(repair(vertices, faces, policy=MeshPolicy(components="bridge")).faces) == len(faces) + 1
@@ -220,12 +220,12 @@ def test_components_are_kept_refused_or_linked():
     "arguments",
     [{"components": "smallest"}, {"max_vertices": 3}, {"max_vertices": True}, {"max_vertices": 100.0}],
 )
-def test_a_policy_that_does_not_exist_is_refused(arguments):
+def test_an_invalid_policy_raises_parameter_error(arguments):
     with pytest.raises(ParameterError, match=next(iter(arguments))):
         MeshPolicy(**arguments)
 
 
-def test_the_report_is_json():
+def test_the_report_can_be_stored_as_json():
     vertices, faces, _ = DEFECTS["two components"]
     surface = repair(vertices, faces, policy=MeshPolicy(components="bridge", max_vertices=100))
     stored = json.loads(json.dumps(surface.report.as_dict(), allow_nan=False))
@@ -241,7 +241,7 @@ DAMAGES = st.lists(
 
 
 def damaged(damages):
-    """A ball of 80 faces after each damage of (kind, face, corner): vertices and faces."""
+    """Apply the damages (kind, face, corner) to a sphere of 80 faces; return vertices and faces."""
     ball = sphere(1)
     vertices, faces = [list(point) for point in ball.vertices], [list(face) for face in ball.faces.tolist()]
     for kind, number, corner in damages:
@@ -269,7 +269,7 @@ def damaged(damages):
 
 
 @given(DAMAGES, st.sampled_from(["largest", "bridge"]))
-def test_no_damage_moves_drops_or_renumbers_a_vertex_or_changes_a_sound_face(damages, components):
+def test_repair_keeps_all_vertices_and_all_intact_faces(damages, components):
     vertices, faces = damaged(damages)
     surface = repair(vertices, faces, policy=MeshPolicy(components=components, seams="keep"))
     np.testing.assert_array_equal(surface.vertices, vertices)
@@ -288,7 +288,7 @@ def test_no_damage_moves_drops_or_renumbers_a_vertex_or_changes_a_sound_face(dam
 
 
 @given(DAMAGES)
-def test_fans_rims_and_orientation_are_what_walking_around_finds(damages):
+def test_non_manifold_vertices_boundaries_and_orientation_equal_a_plain_count(damages):
     vertices, faces = damaged(damages)
     surface = repair(vertices, faces, policy=MeshPolicy(components="bridge", seams="keep"))
     kept = surface.faces[: len(surface.faces) - surface.report.links].tolist()
@@ -317,7 +317,7 @@ def edges_at(face, vertex):
 
 
 def sets_of(neighbours):
-    """Connected sets of a graph given as {node: its neighbours}; neighbours beyond its nodes do not count."""
+    """Return the connected sets of a graph {node: neighbours}; neighbours that are no nodes are ignored."""
     left, sets = set(neighbours), []
     while left:
         reached, border = set(), [min(left, key=str)]
@@ -332,7 +332,7 @@ def sets_of(neighbours):
 
 
 @given(st.lists(st.lists(st.sampled_from([0.0, -0.0, 1.0, 1e-300, np.inf]), min_size=3, max_size=3), max_size=40))
-def test_equal_points_are_found_whatever_their_hashes(points):
+def test_equal_points_are_found_despite_hash_collisions(points):
     points = np.array(points, float).reshape(-1, 3)
     first = [next(j for j in range(i + 1) if (points[j] == points[i]).all()) for i in range(len(points))]
     np.testing.assert_array_equal(rows.equal_points(points), first)
@@ -341,7 +341,7 @@ def test_equal_points_are_found_whatever_their_hashes(points):
         np.testing.assert_array_equal(rows.equal_points(points), first)
 
 
-def test_a_surface_in_memory_stays_strict():
+def test_the_class_surface_refuses_vertices_that_are_not_finite():
     vertices, faces = not_finite(np.nan)
     with pytest.raises(MeshGeometryError, match=f"vertex {A} "):
         Surface(vertices, faces)

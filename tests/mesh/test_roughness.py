@@ -1,4 +1,4 @@
-"""Noise is told from shape: rough surfaces are said to be, clean ones never."""
+"""Roughness: noisy surfaces are reported as rough, clean ones are not."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ WORDS = "the surface is rough"
 
 
 def with_noise(surface, edges, seed=0):
-    """Gaussian noise whose standard deviation is so many median edges."""
+    """Add Gaussian noise whose standard deviation is `edges` times the median edge length."""
     corners = surface.vertices[surface.faces]
     median = np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
     noise = np.random.default_rng(seed).normal(size=surface.vertices.shape)
     return Surface(surface.vertices + edges * median * noise, surface.faces)
 
 
-def as_it_is_defined(surface):
-    """Bending against bending around, by sums over neighbours one by one; boundaries stay and do not bend."""
+def plain_roughness(surface):
+    """Compute the roughness by loops over neighbours, as the definition says; boundary vertices do not count."""
     vertices, faces = surface.vertices, surface.faces
     near = [set() for _ in vertices]
     sides: dict[frozenset[int], int] = {}
@@ -61,10 +61,10 @@ def as_it_is_defined(surface):
 
 @given(st.sampled_from(["ball", "ring", "sheet"]), st.floats(0.05, 1), st.integers(0, 2**32 - 1))
 @settings(max_examples=15)
-def test_roughness_is_what_it_is_said_to_be(name, edges, seed):
+def test_roughness_equals_a_plain_implementation_of_its_definition(name, edges, seed):
     base = {"ball": sphere(2), "ring": torus(columns=14, rows=9), "sheet": sheet(columns=9, rows=7)}[name]
     surface = with_noise(base, edges, seed)
-    assert roughness(surface) == pytest.approx(as_it_is_defined(surface), rel=1e-9)
+    assert roughness(surface) == pytest.approx(plain_roughness(surface), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_roughness_is_what_it_is_said_to_be(name, edges, seed):
     [sphere(3), torus(), sheet(), cone(), helicoid_catenoid(0.5), bent_tube("helix"), figure("bird", seed=0)],
     ids=["ball", "ring", "sheet", "cone", "helicoid", "tube", "bird"],
 )
-def test_clean_shapes_are_not_said_to_be_rough_and_are_with_noise(surface):
+def test_shapes_are_reported_as_rough_only_with_noise(surface):
     report = repair(surface.vertices, surface.faces).report
     assert report.roughness < ROUGH / 10
     assert not any(WORDS in note for note in report.notes)
@@ -83,17 +83,17 @@ def test_clean_shapes_are_not_said_to_be_rough_and_are_with_noise(surface):
 
 
 @pytest.mark.parametrize("surface", [sheet(), cone(), sphere(0), sphere(1)], ids=["sheet", "cone", "solid", "coarse"])
-def test_what_is_flat_or_bends_one_way_is_not_rough(surface):
+def test_flat_and_evenly_bent_surfaces_have_no_roughness(surface):
     assert roughness(surface) < 1e-9
 
 
-def test_rounding_on_a_flat_surface_is_not_rough():
+def test_tiny_noise_on_a_flat_surface_is_not_rough():
     flat = sheet(columns=30, rows=20)
     assert roughness(with_noise(flat, 1e-9)) < 1e-15
     assert roughness(with_noise(flat, 0.01)) < ROUGH / 10
 
 
-def test_roughness_is_that_of_the_shape_wherever_it_is(rotation):
+def test_roughness_does_not_depend_on_position_scale_or_order(rotation):
     body = with_noise(figure("biped", seed=0), 0.2)
     expected = roughness(body)
     order = np.random.default_rng(1).permutation(len(body.vertices))
@@ -103,7 +103,7 @@ def test_roughness_is_that_of_the_shape_wherever_it_is(rotation):
         assert roughness(Surface(moved, faces)) == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_surface_that_is_smoothed_is_not_said_to_be_rough_and_is_measured_before():
+def test_roughness_is_measured_before_smoothing_and_then_not_reported():
     noise = with_noise(sphere(3), 0.3)
     plain = repair(noise.vertices, noise.faces).report
     found = repair(noise.vertices, noise.faces, policy=MeshPolicy(smooth=20))
@@ -113,7 +113,7 @@ def test_a_surface_that_is_smoothed_is_not_said_to_be_rough_and_is_measured_befo
 
 
 @given(defective())
-def test_roughness_is_a_share_whatever_is_wrong_with_a_mesh(mesh):
+def test_roughness_is_between_0_and_1_for_every_damaged_mesh(mesh):
     try:
         report = repair(mesh.vertices, mesh.faces).report
     except MeshError:
@@ -122,7 +122,7 @@ def test_roughness_is_a_share_whatever_is_wrong_with_a_mesh(mesh):
 
 
 @pytest.mark.parametrize(("dataset", "step"), [("tosca5k", 13), ("shrec07", 29), ("faust5k", 15)])
-def test_real_meshes_are_rough_with_noise_only(labelled, dataset, step):
+def test_real_meshes_are_rough_only_with_noise(labelled, dataset, step):
     for path, _ in labelled(dataset)[::step]:
         surface = read_mesh(path)
         assert surface.report.roughness < ROUGH / 2, path
@@ -130,7 +130,7 @@ def test_real_meshes_are_rough_with_noise_only(labelled, dataset, step):
         assert roughness(noise) > 2 * ROUGH, path
 
 
-def test_no_mesh_of_few_triangles_is_said_to_be_rough(shared_data):
+def test_coarse_real_meshes_are_not_reported_as_rough(shared_data):
     with (shared_data / "labels.csv").open(newline="") as file:
         paths = [row["path"] for row in csv.DictReader(file) if row["dataset"] in {"single", "dirty"}]
     small = [path for path in paths if (shared_data / path).stat().st_size < 200_000]

@@ -1,4 +1,4 @@
-"""Spheres, tori and tubes: closed, oriented outward, of the right topology and area."""
+"""Spheres, tori and tubes are closed and oriented outward, with the correct topology and area."""
 
 import math
 
@@ -23,7 +23,7 @@ from unbend.mesh.shapes import (
 
 
 def assert_closed_and_oriented(surface, *, euler):
-    """Every edge has one face on each side, all normals point outward, and V - E + F is right."""
+    """Check that every edge has a face on each side, that normals point outward, and that V - E + F is `euler`."""
     faces = surface.faces
     directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     unique = np.unique(directed, axis=0)
@@ -40,19 +40,19 @@ def volume(surface):
 
 
 @pytest.mark.parametrize("subdivisions", [0, 1, 4])
-def test_sphere(subdivisions):
+def test_a_sphere_is_closed_with_the_given_radius(subdivisions):
     ball = sphere(subdivisions, radius=2.0)
     assert len(ball.vertices) == 10 * 4**subdivisions + 2
     assert np.linalg.norm(ball.vertices, axis=1) == pytest.approx(2.0)
     assert_closed_and_oriented(ball, euler=2)
 
 
-def test_sphere_area_converges_to_second_order():
+def test_the_area_of_a_sphere_converges_at_second_order():
     errors = [4 * math.pi - sphere(level).area for level in (2, 3, 4)]
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2.0, abs=0.1)
 
 
-def test_ellipsoid():
+def test_an_ellipsoid_is_closed_with_the_given_axes():
     body = ellipsoid((3.0, 2.0, 1.0), subdivisions=4)
     assert_closed_and_oriented(body, euler=2)
     assert (body.vertices**2 / [9, 4, 1]).sum(axis=1) == pytest.approx(1.0)
@@ -60,15 +60,15 @@ def test_ellipsoid():
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(3, 3), (61, 24), (80, 31)])
-def test_torus_is_closed_with_euler_characteristic_0(columns, rows):
+def test_a_torus_is_closed_with_euler_characteristic_0(columns, rows):
     assert_closed_and_oriented(torus(columns=columns, rows=rows), euler=0)
 
 
-def test_torus_area():
+def test_a_torus_has_the_known_area():
     assert torus(2.0, 0.5, columns=200, rows=80).area == pytest.approx(4 * math.pi**2, rel=2e-3)
 
 
-def test_tetrahedron():
+def test_a_tetrahedron_is_closed_with_the_known_area_and_volume():
     solid = tetrahedron(2.0)
     assert_closed_and_oriented(solid, euler=2)
     assert solid.area == pytest.approx(math.sqrt(3) * 4)
@@ -76,7 +76,7 @@ def test_tetrahedron():
 
 
 @pytest.mark.parametrize("pose", TUBE_POSES)
-def test_pose_curves_have_unit_speed_and_the_length_asked_for(pose):
+def test_pose_curves_have_unit_speed_and_the_given_length(pose):
     curve = pose_curve(pose, length=7.0)
     s = np.linspace(0.0, 7.0, 3001)
     assert curve.length == pytest.approx(7.0)
@@ -86,7 +86,7 @@ def test_pose_curves_have_unit_speed_and_the_length_asked_for(pose):
 
 
 @pytest.mark.parametrize("pose", TUBE_POSES)
-def test_every_pose_of_a_tube_is_a_sphere_of_the_same_area(pose):
+def test_every_pose_of_a_tube_is_closed_with_the_same_area_and_volume(pose):
     length, radius = 6.0, 0.15
     bent = bent_tube(pose, length=length, radius=radius, around=24)
     assert_closed_and_oriented(bent, euler=2)
@@ -104,22 +104,22 @@ def test_profiled_tubes_keep_their_area(profile):
     assert np.ptp(areas) / areas.mean() < 0.01
 
 
-def test_pin_profile_passes_its_knots_and_stays_between_them():
+def test_the_pin_profile_passes_through_its_knots_and_stays_between_them():
     radii = pin_profile(2.0, 1.0)(np.linspace(0.0, 2.0, 2001))
     assert radii[[0, 600, 1360, 2000]] == pytest.approx([0.7, 1.0, 0.35, 0.6])
     assert radii.min() == pytest.approx(0.35)
     assert radii.max() == pytest.approx(1.0)
 
 
-def test_tube_frame_does_not_twist():
-    # Along a plane curve a rotation-minimising frame keeps its angle to the plane: the tube's lines of vertices
-    # stay at a constant height.
+def test_the_frame_of_a_tube_does_not_twist():
+    # Along a plane curve, a rotation-minimising frame keeps its angle to the plane, so the height of each line of
+    # vertices is constant.
     bent = bent_tube("arc", around=12, along=40)
     rings = bent.vertices[1 + 2 * 12 : -1 - 2 * 12].reshape(-1, 12, 3)
     assert np.ptp(rings[:, :, 2], axis=0) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_tube_along_a_curve_of_ones_own():
+def test_a_tube_can_follow_any_curve():
     angle = np.linspace(0.0, 1.5 * math.pi, 2000)
     curve = SpaceCurve.through(np.stack([2 * np.cos(angle), 2 * np.sin(angle), 0 * angle], axis=1))
     assert isinstance(curve.spline, CubicSpline)
@@ -152,6 +152,6 @@ def test_tube_along_a_curve_of_ones_own():
         lambda: SpaceCurve.through(np.eye(3)),
     ],
 )
-def test_bad_parameters_are_refused(make):
+def test_invalid_parameters_of_closed_shapes_are_refused(make):
     with pytest.raises(ParameterError):
         make()

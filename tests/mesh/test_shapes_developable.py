@@ -1,4 +1,4 @@
-"""Sheets, cones and the helicoid's family: bending keeps connectivity, lengths and area."""
+"""Sheets, cones and the helicoid family: bending keeps connectivity, lengths and area."""
 
 import math
 
@@ -25,19 +25,19 @@ def edge_lengths(surface):
 
 
 def largest_stretch(flat, bent):
-    """The largest relative difference of an edge's length."""
+    """Return the largest relative difference of edge lengths."""
     return float(np.max(np.abs(edge_lengths(bent) / edge_lengths(flat) - 1)))
 
 
 def assert_second_order(errors):
-    """Errors at successive halvings of the cell fall like its square."""
+    """Check that errors decrease with the square of the cell size; each error belongs to cells of half the size."""
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     assert (orders > 1.8).all(), (errors, orders)
 
 
 @pytest.mark.parametrize("make", BENT)
 @pytest.mark.parametrize("shape", [{}, {"shear": 0.7, "triangulation": "uniform"}], ids=["straight", "sheared"])
-def test_bent_sheet_is_isometric_to_second_order(make, shape):
+def test_bent_sheets_are_isometric_to_second_order(make, shape):
     errors = []
     for refinement in (1, 2, 4):
         grid = shape | {"columns": 60 * refinement, "rows": 8 * refinement}
@@ -56,7 +56,7 @@ def test_bent_sheets_share_faces_and_never_exceed_the_flat_area(make):
 
 @pytest.mark.parametrize("triangulation", ["alternating", "uniform"])
 @pytest.mark.parametrize("shear", [-0.5, 0.0, 1.5])
-def test_sheet_area_size_and_orientation(triangulation, shear):
+def test_a_sheet_has_the_given_size_and_faces_up(triangulation, shear):
     flat = sheet(3.0, 0.5, columns=7, rows=5, triangulation=triangulation, shear=shear)
     assert flat.vertices.shape == (48, 3)
     assert flat.faces.shape == (70, 3)
@@ -65,7 +65,7 @@ def test_sheet_area_size_and_orientation(triangulation, shear):
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
 
 
-def test_spiral_layers_stay_a_gap_apart():
+def test_the_layers_of_a_spiral_keep_their_gap():
     turns, gap = 2.0, 0.05
     rolled = spiral(turns, gap, columns=2000, rows=1)
     x, z = rolled.vertices[:2001, 0], rolled.vertices[:2001, 2]
@@ -78,22 +78,22 @@ def test_spiral_layers_stay_a_gap_apart():
 
 @settings(max_examples=30, deadline=None)
 @given(angle=st.floats(0.01, 6.2), shear=st.floats(-1, 1), height=st.floats(0.1, 5))
-def test_any_cylinder_has_chords_no_longer_than_the_sheet(angle, shear, height):
+def test_edges_of_a_cylinder_are_slightly_shorter_than_those_of_the_sheet(angle, shear, height):
     flat = sheet(height=height, shear=shear)
     bent = cylinder(angle, height=height, shear=shear)
     assert (edge_lengths(bent) <= edge_lengths(flat) * (1 + 1e-12)).all()
-    # A chord over the angle a is shorter than its arc by at most a^2 / 24 of it.
+    # A chord over the angle a is shorter than its arc by at most a^2 / 24 of the arc.
     step = (2 / 40 + abs(shear) * height / 20) / (2 + abs(shear) * height)
     assert largest_stretch(flat, bent) <= (angle * step) ** 2 / 24 + 1e-12
 
 
-def test_bend_takes_any_flat_surface():
+def test_bend_accepts_any_flat_surface():
     flat = cone(roll=0.0)
     half_pipe = bend(flat, lambda s: (np.sin(s), 1 - np.cos(s)))
     assert half_pipe.area == pytest.approx(flat.area, rel=2e-3)
 
 
-def test_cone_rolls_are_isometric_to_second_order():
+def test_rolled_cones_are_isometric_to_second_order():
     for inner in (0.0, 0.3):
         for roll in (0.4, 1.0):
             errors = []
@@ -107,7 +107,7 @@ def test_cone_rolls_are_isometric_to_second_order():
 
 @pytest.mark.parametrize("inner", [0.0, 0.2])
 @pytest.mark.parametrize("roll", [0.0, 0.5, 1.0])
-def test_cone_area_and_slant(inner, roll):
+def test_a_cone_has_the_known_area_and_slant(inner, roll):
     rolled = cone(2.5, roll, inner=inner)
     assert rolled.area == pytest.approx(2.5 * (1 - inner**2) / 2, rel=2e-3)
     slant = np.linalg.norm(rolled.vertices, axis=1)
@@ -117,14 +117,14 @@ def test_cone_area_and_slant(inner, roll):
     assert np.unique(rolled.faces).size == len(rolled.vertices)
 
 
-def test_cone_edges_nearly_meet_when_rolled_up():
+def test_the_edges_of_a_fully_rolled_cone_nearly_meet():
     rolled = cone(roll=1.0, rings=1, segments=50)
     first, last = rolled.vertices[51], rolled.vertices[-1]
     assert 0 < np.linalg.norm(first - last) < 0.1
 
 
 @pytest.mark.parametrize("t", [0.3, 0.9, math.pi / 2])
-def test_helicoid_family_is_isometric_to_second_order(t):
+def test_the_helicoid_family_is_isometric_to_second_order(t):
     errors = []
     for refinement in (1, 2, 4):
         grid = {"columns": 40 * refinement, "rows": 16 * refinement}
@@ -135,7 +135,7 @@ def test_helicoid_family_is_isometric_to_second_order(t):
 
 
 @pytest.mark.parametrize("t", [-1.0, 0.0, 0.7, math.pi / 2])
-def test_helicoid_family_area(t):
+def test_the_helicoid_family_has_the_known_area(t):
     span, reach = 5.0, 1.2
     surface = helicoid_catenoid(t, columns=120, rows=60, span=span, reach=reach)
     assert surface.area == pytest.approx(span * (reach + math.sinh(2 * reach) / 2), rel=1e-3)
@@ -167,6 +167,6 @@ def test_helicoid_family_area(t):
         lambda: helicoid_catenoid(reach=0.0),
     ],
 )
-def test_bad_parameters_are_refused(make):
+def test_invalid_parameters_of_developable_shapes_are_refused(make):
     with pytest.raises(ParameterError):
         make()

@@ -1,4 +1,4 @@
-"""Fewer vertices: no more than asked for, a map that tells where they went, and a true word on what was lost."""
+"""Simplification: the number of vertices, the vertex map, and the reported deviation."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def simplified(surface, most, components="largest"):
 
 
 def largest_distance(points, surface):
-    """Distance of the point that is farthest from a surface, by measuring every point against every triangle."""
-    scale = surface.extent  # trimesh has tolerances of its own, for meshes about this large
+    """Return the largest distance of the points from a surface, by comparing every point with every triangle."""
+    scale = surface.extent  # the tolerances of trimesh assume meshes of about unit size
     triangles = surface.vertices[surface.faces] / scale
     distances = []
     for point in points / scale:
@@ -44,7 +44,7 @@ def largest_distance(points, surface):
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("most", [250, 60])
-def test_a_simplified_surface_is_a_surface_like_it_with_no_more_vertices_than_asked_for(name, most):
+def test_a_simplified_surface_is_similar_and_has_at_most_the_given_vertices(name, most):
     whole = SHAPES[name]
     surface = simplified(whole, most)
     assert 0.9 * most < len(surface.vertices) <= most
@@ -57,16 +57,16 @@ def test_a_simplified_surface_is_a_surface_like_it_with_no_more_vertices_than_as
 
 @given(st.sampled_from(sorted(SHAPES)), st.integers(4, 300), st.integers(0, 2**32 - 1))
 @settings(max_examples=20)
-def test_the_map_leads_every_vertex_to_one_near_it_and_the_deviation_is_true(name, most, seed):
+def test_the_vertex_map_is_complete_and_the_deviation_is_exact(name, most, seed):
     generator = np.random.default_rng(seed)
     whole = SHAPES[name]
-    order = generator.permutation(len(whole.vertices))  # nothing may hang on how vertices are numbered
+    order = generator.permutation(len(whole.vertices))  # the numbering must not matter
     vertices = np.empty_like(whole.vertices)
     vertices[order] = whole.vertices
     shuffled = Surface(generator.choice([1e-3, 1.0, 1e40]) * (vertices + 7), order[whole.faces])
     surface = simplified(shuffled, most)
     assert surface.vertex_map.shape == (len(vertices),)
-    assert set(surface.vertex_map.tolist()) == set(range(len(surface.vertices)))  # on a whole surface none is lost
+    assert set(surface.vertex_map.tolist()) == set(range(len(surface.vertices)))  # every vertex is mapped
     report = surface.report
     assert report.deviation == pytest.approx(
         largest_distance(shuffled.vertices, surface), rel=1e-6, abs=1e-9 * surface.extent
@@ -76,7 +76,7 @@ def test_the_map_leads_every_vertex_to_one_near_it_and_the_deviation_is_true(nam
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["soup", "slivers", "ball"]))
 @settings(max_examples=40)
-def test_the_largest_distance_is_exact_whatever_is_thought_to_be_near(seed, kind):
+def test_the_largest_distance_is_exact_for_any_initial_guess(seed, kind):
     generator = np.random.default_rng(seed)
     vertices, faces = generator.normal(size=(60, 3)), generator.integers(0, 60, (50, 3))
     if kind == "slivers":
@@ -90,8 +90,8 @@ def test_the_largest_distance_is_exact_whatever_is_thought_to_be_near(seed, kind
     assert deviation.largest_distance(points, vertices, faces, near) == pytest.approx(expected, rel=1e-6)
 
 
-def test_faces_of_zero_area_do_not_stand_in_the_way():
-    # A quarter of the faces has a vertex on one side that the face beyond does not use, and a zipper between.
+def test_faces_of_zero_area_do_not_prevent_simplification():
+    # A quarter of the faces has a middle vertex on one side, which a face without area joins to the neighbour.
     flat = sheet(columns=20, rows=20)
     vertices, faces = flat.vertices.tolist(), []
     for number, (a, b, c) in enumerate(flat.faces.tolist()):
@@ -108,7 +108,7 @@ def test_faces_of_zero_area_do_not_stand_in_the_way():
     assert surface.report.relative_deviation < 0.1
 
 
-def test_vertices_that_stand_for_themselves_alone_are_not_moved():
+def test_vertices_that_are_not_merged_are_not_moved():
     whole = SHAPES["ball"]
     surface = simplified(whole, 600)
     counts = np.bincount(surface.vertex_map)
@@ -117,7 +117,7 @@ def test_vertices_that_stand_for_themselves_alone_are_not_moved():
     np.testing.assert_array_equal(surface.vertices[surface.vertex_map[alone]], whole.vertices[alone])
 
 
-def test_mapped_vertices_have_the_distances_of_the_whole_surface():
+def test_mapped_vertices_have_nearly_the_distances_of_the_original():
     whole = SHAPES["tube"]
     surface = simplified(whole, len(whole.vertices) // 3)
     source = 0
@@ -126,7 +126,7 @@ def test_mapped_vertices_have_the_distances_of_the_whole_surface():
     assert np.abs(actual - expected).max() < 0.05 * expected.max()
 
 
-def test_a_surface_that_is_small_enough_stays_as_it_is():
+def test_a_surface_that_is_small_enough_is_not_changed():
     whole = SHAPES["ball"]
     surface = simplified(whole, len(whole.vertices))
     np.testing.assert_array_equal(surface.vertices, whole.vertices)
@@ -135,7 +135,7 @@ def test_a_surface_that_is_small_enough_stays_as_it_is():
     assert surface.report.simplified_vertices is None
 
 
-def test_only_vertices_of_faces_count_and_others_have_no_counterpart():
+def test_unused_vertices_do_not_count_and_are_not_mapped():
     ball = sphere(2)
     vertices = np.concatenate([[[np.nan] * 3], ball.vertices, [[9, 9, 9]]])
     policy = MeshPolicy(max_vertices=len(ball.vertices))
@@ -145,7 +145,7 @@ def test_only_vertices_of_faces_count_and_others_have_no_counterpart():
     assert np.isfinite(surface.vertices).all()
 
 
-def test_the_share_of_dropped_components_maps_nowhere():
+def test_vertices_of_dropped_components_are_not_mapped():
     ball, small = sphere(2), sphere(0, radius=0.1)
     vertices = np.concatenate([small.vertices + 5, ball.vertices])
     faces = np.concatenate([small.faces, ball.faces + len(small.vertices)])
@@ -153,7 +153,7 @@ def test_the_share_of_dropped_components_maps_nowhere():
     np.testing.assert_array_equal(np.flatnonzero(surface.vertex_map < 0), np.arange(len(small.vertices)))
 
 
-def test_bridges_are_built_after_simplification():
+def test_components_are_linked_after_simplification():
     ball = sphere(3)
     vertices = np.concatenate([ball.vertices, ball.vertices + np.array([4, 0, 0])])
     faces = np.concatenate([ball.faces, ball.faces + len(ball.vertices)])
@@ -164,8 +164,8 @@ def test_bridges_are_built_after_simplification():
     assert (surface.vertex_map >= 0).all()
 
 
-def test_what_hung_together_by_a_vertex_still_does():
-    # Sheets joined at single corners: collapses move a corner away from the other sheet, and a link takes its place.
+def test_sheets_joined_at_a_vertex_stay_connected():
+    # The sheets share one corner. A collapse moves the corner of one sheet away, and a link then joins both sheets.
     square = sheet(columns=12, rows=12)
     width = np.ptp(square.vertices, axis=0)
     size = len(square.vertices)
@@ -181,14 +181,14 @@ def test_what_hung_together_by_a_vertex_still_does():
 
 @pytest.fixture
 def restless_threads():
-    """Threads that take turns as often as they can, so that what they share shows."""
+    """Switch threads as often as possible, so that data races show."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(interval)
 
 
-def test_the_same_mesh_gives_the_same_surface_also_in_threads(restless_threads):
+def test_simplification_in_threads_is_deterministic(restless_threads):
     whole = SHAPES["ring"]
     with ThreadPoolExecutor(8) as pool:
         surfaces = list(pool.map(lambda most: simplified(whole, most), [100, 200, 300] * 8))
@@ -199,8 +199,8 @@ def test_the_same_mesh_gives_the_same_surface_also_in_threads(restless_threads):
             np.testing.assert_array_equal(surface.vertex_map, surfaces[most].vertex_map)
 
 
-def test_what_cannot_be_simplified_is_refused():
-    # All but one face lie on one line, where any collapse makes some face overlap another.
+def test_a_mesh_that_cannot_be_simplified_is_refused():
+    # All vertices but one are on a line, so that any collapse makes faces overlap.
     vertices = np.stack([np.arange(30.0), np.zeros(30), np.zeros(30)], axis=1)
     vertices[0, 1] = 1
     faces = [[i, i + 1, i + 2] for i in range(28)]
@@ -208,7 +208,7 @@ def test_what_cannot_be_simplified_is_refused():
         repair(vertices, faces, policy=MeshPolicy(max_vertices=10))
 
 
-def test_messy_real_meshes_are_simplified(labelled):
+def test_damaged_real_meshes_are_simplified(labelled):
     for path, _ in labelled("dirty"):
         surface = read_mesh(path, policy=MeshPolicy(components="bridge", max_vertices=400))
         assert len(surface.vertices) <= 400, path.name
@@ -216,7 +216,7 @@ def test_messy_real_meshes_are_simplified(labelled):
         assert np.isfinite(geodesic_distances(surface, 0)).all(), path.name
 
 
-def test_the_library_is_loaded_only_by_those_who_simplify():
+def test_the_simplification_package_is_imported_only_on_demand():
     code = (
         "import sys; from unbend.mesh.shapes import sphere; from unbend.mesh.repair import repair; ball = sphere(1); "
         "repair(ball.vertices, ball.faces); print('fast_simplification' in sys.modules)"

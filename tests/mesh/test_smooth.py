@@ -1,4 +1,4 @@
-"""Smoothing: noise goes, the shape stays, and indices with it."""
+"""Smoothing: it removes noise, and keeps the shape and the indices."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def smoothed(vertices, faces, rounds, **policy):
 
 
 def noisy(surface, share, seed=0):
-    """The surface with Gaussian noise of a share of its bounding box's diagonal."""
+    """Return the vertices with Gaussian noise whose deviation is a share of the bounding box's diagonal."""
     deviation = share * np.linalg.norm(np.ptp(surface.vertices, axis=0))
     return surface.vertices + deviation * np.random.default_rng(seed).normal(size=surface.vertices.shape)
 
 
-def one_round_each_by_each(vertices, faces):
-    """Taubin's round as it is written, vertex by vertex; a boundary vertex knows its boundary neighbours only."""
+def plain_round(vertices, faces):
+    """Compute Taubin's round vertex by vertex; boundary vertices use only their neighbours on the boundary."""
     sides = [frozenset(side) for a, b, c in faces.tolist() for side in ((a, b), (b, c), (c, a))]
     rim = {side for side in sides if sides.count(side) == 1}
     on_rim = set().union(*rim)
@@ -51,24 +51,24 @@ def one_round_each_by_each(vertices, faces):
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(range(len(BASES))), st.integers(1, 3))
 @settings(max_examples=15)
-def test_a_round_takes_each_vertex_towards_its_neighbours_and_back(seed, base, rounds):
+def test_smoothing_equals_a_plain_implementation_of_taubin(seed, base, rounds):
     generator, surface = np.random.default_rng(seed), BASES[base]
     faces = surface.faces[generator.random(len(surface.faces)) < 0.95]
     vertices = surface.vertices + 0.05 * generator.normal(size=surface.vertices.shape)
     expected = vertices
     for _ in range(rounds):
-        expected = one_round_each_by_each(expected, faces)
+        expected = plain_round(expected, faces)
     found = smoothed(vertices, faces, rounds, components="bridge").vertices
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("surface", "frequency"),
-    # the mean of a vertex' neighbours is itself times 1 - frequency, if the centre is 0
+    # With the centre at 0, the mean of a vertex's neighbours is the vertex times 1 - frequency.
     [(tetrahedron(), 4 / 3), (sphere(0), 1 - 1 / np.sqrt(5))],
     ids=["tetrahedron", "icosahedron"],
 )
-def test_a_regular_solid_shrinks_by_the_gain_at_its_frequency(surface, frequency):
+def test_a_regular_solid_is_scaled_by_the_gain_at_its_frequency(surface, frequency):
     centre = surface.vertices.mean(axis=0)
     gain = ((1 - SHRINK * frequency) * (1 - SWELL * frequency)) ** 4
     found = smoothed(surface.vertices, surface.faces, 4)
@@ -79,12 +79,12 @@ def test_a_regular_solid_shrinks_by_the_gain_at_its_frequency(surface, frequency
 
 
 @pytest.mark.parametrize("share", [0.003, 0.01])
-def test_a_noisy_ball_is_round_again_and_as_large_as_it_was(share):
+def test_smoothing_restores_the_form_and_the_size_of_a_noisy_sphere(share):
     ball = sphere(4)
     vertices = noisy(ball, share)
     found = smoothed(vertices, ball.faces, 30)
     before, after = (np.linalg.norm(places, axis=1) for places in (vertices, found.vertices))
-    assert after.std() < before.std() / 3  # what is left is as slow as shape
+    assert after.std() < before.std() / 3  # the rest has frequencies as low as those of the shape
     assert after.mean() == pytest.approx(1, abs=0.01)
     rough = Surface(vertices, ball.faces)
     assert found.area == pytest.approx(ball.area, rel=0.02)
@@ -96,14 +96,14 @@ def test_a_noisy_ball_is_round_again_and_as_large_as_it_was(share):
 
 
 @pytest.mark.parametrize("surface", BASES[:3], ids=["ball", "ring", "sheet"])
-def test_a_clean_surface_hardly_moves(surface):
+def test_smoothing_hardly_moves_a_clean_surface(surface):
     found = smoothed(surface.vertices, surface.faces, 2)
     moved = np.linalg.norm(found.vertices - surface.vertices, axis=1).max()
     assert 0 < moved < 0.05 * surface.extent
     assert abs(found.report.area_change) < 0.05
 
 
-def test_no_round_moves_nothing():
+def test_zero_rounds_change_nothing():
     ball = sphere(2)
     found = smoothed(ball.vertices, ball.faces, 0)
     np.testing.assert_array_equal(found.vertices, ball.vertices)
@@ -111,7 +111,7 @@ def test_no_round_moves_nothing():
     assert not any("smooth" in note for note in found.report.notes)
 
 
-def test_a_boundary_is_smoothed_along_itself_whatever_is_inside():
+def test_a_boundary_is_smoothed_independently_of_the_interior():
     flat = sheet(columns=8, rows=6)
     sides = (flat.vertices == flat.vertices.min(axis=0)) | (flat.vertices == flat.vertices.max(axis=0))
     rim, corners = sides[:, :2].any(axis=1), flat.vertices[sides[:, :2].all(axis=1)]
@@ -119,7 +119,7 @@ def test_a_boundary_is_smoothed_along_itself_whatever_is_inside():
     even, uneven = (smoothed(vertices, flat.faces, 10).vertices for vertices in (flat.vertices, bumpy))
     np.testing.assert_array_equal(even[rim], uneven[rim])
     assert abs(uneven[~rim] - even[~rim]).max() > 0.01
-    # a vertex between two others at equal distances stays, but for those that feel a corner: a round reaches two edges
+    # A boundary vertex midway between its neighbours stays, unless a corner is within the two edges of a round.
     to_corner = np.linalg.norm(flat.vertices[:, None] - corners, axis=2).min(axis=1)
     edge = np.unique(to_corner[rim].round(9))[1:3].max()
     once = smoothed(flat.vertices, flat.faces, 1).vertices
@@ -129,7 +129,7 @@ def test_a_boundary_is_smoothed_along_itself_whatever_is_inside():
     assert abs(once - flat.vertices)[rim & ~between].max() > 1e-3
 
 
-def test_vertices_without_faces_stay_where_they_are_and_faces_as_they_are():
+def test_smoothing_changes_neither_unused_vertices_nor_faces():
     ball = sphere(2)
     alone = np.array([[5.0, 6, 7], [np.nan, 1, np.inf], [-np.inf, 0, 0]])
     vertices = np.concatenate([alone[:1], ball.vertices, alone[1:]])
@@ -139,7 +139,7 @@ def test_vertices_without_faces_stay_where_they_are_and_faces_as_they_are():
     np.testing.assert_allclose(found.vertices[1:-2], smoothed(ball.vertices, ball.faces, 5).vertices, atol=1e-12)
 
 
-def test_where_and_how_large_a_mesh_is_makes_no_difference():
+def test_smoothing_does_not_depend_on_position_or_scale():
     ball = sphere(2)
     vertices = noisy(ball, 0.02)
     here = smoothed(vertices, ball.faces, 10).vertices
@@ -149,7 +149,7 @@ def test_where_and_how_large_a_mesh_is_makes_no_difference():
 
 
 @given(defective(), st.sampled_from(["largest", "bridge"]), st.integers(1, 100))
-def test_whatever_is_wrong_with_a_mesh_its_vertices_are_numbers_or_an_error_says_why(mesh, components, rounds):
+def test_smoothing_a_damaged_mesh_gives_finite_vertices_or_a_typed_error(mesh, components, rounds):
     try:
         surface = smoothed(mesh.vertices, mesh.faces, rounds, components=components)
     except MeshError:
@@ -163,13 +163,13 @@ def test_whatever_is_wrong_with_a_mesh_its_vertices_are_numbers_or_an_error_says
     assert np.isfinite(surface.report.area_change)
 
 
-def test_a_mesh_of_too_few_vertices_shrinks_to_nothing_and_is_refused():
+def test_a_mesh_that_smoothing_shrinks_to_a_point_is_refused():
     solid = tetrahedron()
     with pytest.raises(MeshGeometryError, match=r"after 100 rounds of smoothing no area is left: .* too few vertices"):
         smoothed(solid.vertices, solid.faces, 100)
 
 
-def test_components_are_linked_where_smoothing_left_them():
+def test_components_are_linked_after_smoothing():
     ball = sphere(2)
     vertices = np.concatenate([noisy(ball, 0.02), noisy(ball, 0.02, seed=1) + np.array([4, 0, 0])])
     faces = np.concatenate([ball.faces, ball.faces + len(ball.vertices)])
@@ -192,7 +192,7 @@ def test_a_mesh_is_smoothed_before_it_is_simplified():
     assert words.index("smoothed in") < words.index("simplified from")
 
 
-def test_a_file_is_smoothed_where_the_policy_says_so():
+def test_a_file_is_smoothed_by_its_policy():
     ball = sphere(2)
     data = write_mesh(noisy(ball, 0.01), ball.faces, "ply")
     plain = read_mesh(data)

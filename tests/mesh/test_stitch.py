@@ -1,4 +1,4 @@
-"""Seams: what hangs together for a person does, what only touches does not, and vertices keep their numbers."""
+"""Stitching of seams: split surfaces are joined, surfaces that only touch are not, and vertices keep their order."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CUBE = CORNERS, np.array([half for a, b, c, d in SIDES for half in ((a, b, c), (
 
 
 def cut(vertices, faces, charts):
-    """A mesh whose vertices have a copy for each chart; `charts` gives that of each face."""
+    """Return a mesh whose vertices have one copy for each chart; `charts` has the chart of each face."""
     keys = faces * (charts.max() + 1) + charts[:, None]
     copies, numbers = np.unique(keys, return_inverse=True)
     return vertices[copies // (charts.max() + 1)], numbers.reshape(faces.shape)
@@ -37,7 +37,7 @@ def soup(vertices, faces):
 
 
 def sides(vertices, faces):
-    """A mesh as exporters write it that give each side of a box its own normals."""
+    """Return a mesh of a box with separate vertices for each side, like from exporters that write normals."""
     return cut(vertices, faces, np.arange(len(faces)) // 2)
 
 
@@ -73,7 +73,7 @@ WAYS = {
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("whole", [sphere(3), torus(), sheet(columns=8, rows=5)], ids=["sphere", "torus", "sheet"])
-def test_a_surface_that_was_cut_is_whole_again(whole, way):
+def test_a_surface_with_split_vertices_is_restored(whole, way):
     vertices, faces = WAYS[way](whole.vertices, whole.faces)
     surface = repair(vertices, faces)
     assert surface.report.components == 1
@@ -86,7 +86,7 @@ def test_a_surface_that_was_cut_is_whole_again(whole, way):
 
 
 @pytest.mark.parametrize("file_type", ["ply", "obj", "glb"])
-def test_distances_at_all_copies_of_a_vertex_are_those_of_the_whole_mesh(file_type):
+def test_all_copies_of_a_vertex_have_the_distance_of_the_original_mesh(file_type):
     ball = sphere(2)
     vertices, faces = soup(ball.vertices, ball.faces)
     surface = read_mesh(write_mesh(vertices, faces, file_type))
@@ -101,7 +101,7 @@ def test_distances_at_all_copies_of_a_vertex_are_those_of_the_whole_mesh(file_ty
         assert len(set(found[same].tolist())) == 1
 
 
-def test_a_simplified_mesh_maps_the_vertices_of_the_file():
+def test_the_vertex_map_of_a_stitched_and_simplified_mesh_refers_to_the_file():
     ball = sphere(3)
     vertices, faces = soup(ball.vertices, ball.faces)
     surface = repair(vertices, faces, policy=MeshPolicy(max_vertices=150))
@@ -115,14 +115,14 @@ def test_a_simplified_mesh_maps_the_vertices_of_the_file():
     ("name", "vertices", "area"),
     [("ply_flat_cube_24.ply", 8, 52), ("glb_flat_cube_24.glb", 8, 52), ("stl_noise_last_digit.stl", 6, 9.407465)],
 )
-def test_files_that_fell_apart_are_whole(name, vertices, area):
+def test_files_with_split_vertices_become_closed_surfaces(name, vertices, area):
     surface = read_mesh(CASES / name)
     assert closed(surface.report)
     assert len(surface.vertices) == vertices
     assert surface.area == pytest.approx(area, rel=1e-5)
 
 
-def test_vertices_that_no_face_uses_stay():
+def test_unused_vertices_are_kept():
     vertices, faces = sides(*CUBE)
     vertices = np.concatenate([[[0, 0, 0]], vertices, [[np.nan, 7, 7]]])
     surface = repair(vertices, faces + 1)
@@ -131,7 +131,7 @@ def test_vertices_that_no_face_uses_stay():
     assert (surface.vertex_map[0], surface.vertex_map[-1]) == (0, 9)
 
 
-def test_zeros_of_either_sign_are_one_place():
+def test_positive_and_negative_zeros_are_equal_coordinates():
     vertices, faces = sides(*CUBE)
     vertices[::2] *= np.where(vertices[::2] == 0, -1.0, 1.0)
     assert closed(repair(vertices, faces).report)
@@ -139,7 +139,7 @@ def test_zeros_of_either_sign_are_one_place():
 
 @pytest.mark.parametrize("scale", [1e-120, 1e-30, 1.0, 1e30, 1e120])
 @pytest.mark.parametrize("way", [soup, sides], ids=["soup", "sides"])
-def test_last_digits_do_not_part_a_surface_in_any_unit(scale, way):
+def test_copies_that_differ_in_the_last_digits_are_joined_in_any_unit(scale, way):
     rng = np.random.default_rng(0)
     vertices, faces = way(*CUBE)
     vertices = scale * (vertices + rng.uniform(-1e-7, 1e-7, vertices.shape))
@@ -151,12 +151,12 @@ def test_last_digits_do_not_part_a_surface_in_any_unit(scale, way):
     check_places(surface, vertices)
 
 
-def test_a_narrow_gap_that_is_wider_than_the_tolerance_stays():
+def test_a_gap_wider_than_the_tolerance_is_not_joined():
     vertices, faces = together(CUBE, moved(CUBE, 1 + 1e-5, 0, 0))
     assert repair(vertices, np.delete(faces, [10, 11, 12, 13], axis=0), policy=BRIDGE).report.seams == 0
 
 
-def test_features_of_the_size_of_the_tolerance_are_left_alone():
+def test_features_of_the_size_of_the_tolerance_are_not_joined():
     tiny = sheet(columns=6, rows=6, width=2e-6, height=2e-6)
     far = moved((tiny.vertices, tiny.faces), 0.9e-6, 0, 0)
     vertices, faces = together((tiny.vertices, tiny.faces), far, moved(CUBE, 3, 3, 3))
@@ -166,7 +166,7 @@ def test_features_of_the_size_of_the_tolerance_are_left_alone():
 @pytest.mark.parametrize("inside_out", [False, True])
 @pytest.mark.parametrize("way", [sides, soup], ids=["sides", "soup"])
 @pytest.mark.parametrize("by", [(1, 1, 0), (1, 1, 1)], ids=["edge", "vertex"])
-def test_boxes_that_touch_along_an_edge_or_at_a_vertex_each_close_with_themselves(by, way, inside_out):
+def test_boxes_that_touch_at_an_edge_or_vertex_stay_separate(by, way, inside_out):
     vertices, faces = together(way(*CUBE), way(*moved(CUBE, *by)))
     faces = faces[:, ::-1] if inside_out else faces
     surface = repair(vertices, faces, policy=BRIDGE)
@@ -177,12 +177,12 @@ def test_boxes_that_touch_along_an_edge_or_at_a_vertex_each_close_with_themselve
 
 
 @pytest.mark.parametrize("by", [(1, 0, 0), (0, 0, 0)], ids=["side by side", "at one place"])
-def test_boxes_with_a_side_at_one_place_each_close_with_themselves(by):
+def test_boxes_with_coincident_sides_stay_separate(by):
     report = repair(*together(sides(*CUBE), sides(*moved(CUBE, *by))), policy=BRIDGE).report
     assert (report.components, report.boundary_edges, report.nonmanifold_edges) == (2, 0, 0)
 
 
-def test_faces_that_nothing_connects_are_dropped_as_stl_always_had_it():
+def test_duplicate_and_degenerate_faces_of_a_soup_are_dropped():
     vertices, faces = together(soup(*CUBE), soup(CORNERS, np.array([[3, 1, 0], [0, 1, 0]])))
     vertices[-1] = 0.0
     surface = repair(vertices, faces)
@@ -192,7 +192,7 @@ def test_faces_that_nothing_connects_are_dropped_as_stl_always_had_it():
     np.testing.assert_array_equal(surface.vertices[surface.vertex_map], vertices)
 
 
-def test_a_noisy_soup_has_no_face_twice():
+def test_duplicate_faces_of_a_noisy_soup_are_dropped():
     vertices, faces = soup(*CUBE)
     vertices, faces = together((vertices, faces), (vertices[:3], faces[:1]), (vertices[:3], faces[:1, ::-1]))
     vertices = vertices + np.random.default_rng(0).uniform(-1e-7, 1e-7, vertices.shape)
@@ -201,13 +201,13 @@ def test_a_noisy_soup_has_no_face_twice():
     assert (surface.report.duplicate_faces, len(surface.faces)) == (2, 12)
 
 
-def test_edges_too_short_for_a_direction_do_no_harm():
+def test_edges_too_short_for_a_direction_cause_no_wrong_joins():
     tiny = CORNERS * [1.0, 1.0, 1e-320]
     vertices, faces = together(sides(tiny, CUBE[1]), sides(*moved((tiny, CUBE[1]), 1, 1, 0)))
     assert repair(vertices, faces, policy=BRIDGE).report.nonmanifold_edges == 0
 
 
-def test_of_three_walls_that_meet_at_one_edge_two_are_joined_and_all_where_no_face_shares_an_edge():
+def test_of_three_walls_at_an_edge_two_are_joined_or_all_three_in_a_soup():
     corners = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0, 1], [-1, 0, 0], [-1, 0, 1], [0, 1, 0], [0, 1, 1.0]])
     quads = [(0, 2, 3, 1), (0, 1, 5, 4), (0, 1, 7, 6)]
     walls = corners, np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))])
@@ -218,22 +218,22 @@ def test_of_three_walls_that_meet_at_one_edge_two_are_joined_and_all_where_no_fa
 
 
 @pytest.mark.parametrize("flipped", [False, True])
-def test_a_fin_on_a_seam_does_not_keep_the_surface_from_closing(flipped):
-    a, b = SIDES[0][0], SIDES[0][1]  # an edge of two sides; the fin stands outside
+def test_a_fin_at_a_seam_does_not_prevent_the_join(flipped):
+    a, b = SIDES[0][0], SIDES[0][1]  # an edge between two sides; the fin is outside the box
     tip = np.vstack([CORNERS[[a, b]], CORNERS[a] - [1.0, 1.0, 0.0]])
     fin = np.array([[0, 1, 2], [1, 0, 2]][flipped])[None]
     report = repair(*together(sides(*CUBE), (tip, fin)), policy=BRIDGE).report
     assert (report.components, report.nonmanifold_edges, report.boundary_edges) == (2, 0, 3)
 
 
-def test_the_two_sides_of_a_sheet_are_not_sewn_to_a_bag():
+def test_the_two_sides_of_a_sheet_are_not_joined():
     flat = sheet(columns=4, rows=3)
     vertices, faces = together((flat.vertices, flat.faces), (flat.vertices, flat.faces[:, ::-1]))
     report = repair(vertices, faces, policy=BRIDGE).report
     assert (report.components, report.seams) == (2, 0)
 
 
-def test_faces_that_run_around_in_different_directions_are_joined_too():
+def test_faces_of_opposite_orientation_are_joined():
     vertices, faces = sides(*CUBE)
     faces[2:4] = faces[2:4, ::-1]
     faces[8:10] = faces[8:10, ::-1]
@@ -242,13 +242,13 @@ def test_faces_that_run_around_in_different_directions_are_joined_too():
     assert report.misoriented_edges > 0
 
 
-def test_distinct_vertices_at_one_place_inside_a_surface_stay_apart(labelled):
+def test_coincident_vertices_inside_a_surface_are_not_joined(labelled):
     for path, _ in labelled("faust5k"):
         surface = read_mesh(path)
         assert (surface.vertex_map, surface.report.seams) == (None, 0), path.name
 
 
-def test_a_part_of_less_than_nine_tenths_is_said_loudly():
+def test_keeping_less_than_nine_tenths_of_the_area_is_a_warning():
     vertices, faces = together(CUBE, moved(CUBE, 5, 0, 0))
     report = repair(vertices, faces).report
     assert report.area_kept == pytest.approx(0.5)
@@ -264,7 +264,7 @@ def test_a_part_of_less_than_nine_tenths_is_said_loudly():
     assert 'seams="stitch"' in torn.warnings[0]
 
 
-def test_a_mesh_that_is_whole_after_stitching_is_not_refused():
+def test_a_mesh_connected_by_stitching_is_not_refused_for_its_components():
     one = MeshPolicy(components="error")
     assert closed(repair(*sides(*CUBE), policy=one).report)
     with pytest.raises(MeshError, match="6 components"):
@@ -272,7 +272,7 @@ def test_a_mesh_that_is_whole_after_stitching_is_not_refused():
 
 
 @given(defective(), st.sampled_from(sorted(WAYS)))
-def test_no_join_spoils_an_edge_loses_a_face_or_moves_a_vertex(mesh, way):
+def test_stitching_adds_no_non_manifold_edge_and_loses_no_face(mesh, way):
     try:
         vertices, faces = WAYS[way](mesh.vertices, mesh.faces) if way == "soup" else (mesh.vertices, mesh.faces)
         kept = repair(vertices, faces, policy=MeshPolicy(components="bridge", seams="keep"))

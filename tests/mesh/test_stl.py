@@ -1,4 +1,4 @@
-"""stl files, binary and text, as other programs write them: what the reader makes of them, before any repair."""
+"""stl files of other programs, binary and text, as the reader returns them before any repair."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def check(data: str | bytes, hint: str | None = None) -> tuple[str, ...]:
     [b"", b"solid made by", b"solid facet normal", b"ply\n", b"OFF 2 3 4", b"v 1 2 3\nf 1", b"glTF\2\0\0\0", b"PK\3\4"],
 )
 @pytest.mark.parametrize(("behind", "notes"), [(b"", ()), (b"x", ("1 byte after the end skipped",)), (bytes(92), ...)])
-def test_a_binary_file_is_told_by_its_length(header, behind, notes):
+def test_a_binary_stl_file_is_detected_by_its_length(header, behind, notes):
     assert check(binary(header, behind=behind)) == (("92 bytes after the end skipped",) if notes is ... else notes)
 
 
-def test_normals_that_are_no_numbers_count_for_nothing():
+def test_nan_normals_of_stl_are_ignored():
     assert check(binary(normals=np.nan, behind=b"more")) == ("4 bytes after the end skipped",)
 
 
@@ -80,7 +80,7 @@ def test_normals_that_are_no_numbers_count_for_nothing():
         f"solid one\n{facet(CORNERS[0])}endsolid one\nsolid two\n{facet(CORNERS[1])}endsolid two\n",
     ],
 )
-def test_text_in_other_manners_is_the_same(data):
+def test_variants_of_a_text_stl_file_give_the_same_mesh(data):
     assert check(data) == ()
 
 
@@ -93,12 +93,12 @@ def test_text_in_other_manners_is_the_same(data):
         (TEXT.replace(" facet", " hello\n facet"), "2 unknown lines skipped"),
     ],
 )
-def test_what_is_skipped_is_told(data, note):
-    (told,) = check(data, "stl")
-    assert note in told
+def test_skipped_parts_of_an_stl_file_are_noted(data, note):
+    (reported,) = check(data, "stl")
+    assert note in reported
 
 
-def test_a_facet_of_four_corners_is_a_polygon():
+def test_a_facet_of_four_corners_is_cut_as_a_polygon():
     mesh = parsed(f"solid\n{facet(np.array([[2, 0, 0], [0.5, 0.5, 0], [0, 2, 0], [0, 0, 0]]))}endsolid\n")
     assert len(mesh.vertices) == 4
     assert mesh.faces.tolist() == [[1, 2, 3], [1, 3, 0]]
@@ -137,13 +137,13 @@ def test_a_facet_of_four_corners_is_a_polygon():
         (TEXT.encode("utf-16"), MeshFormatError, "UTF-16"),
     ],
 )
-def test_what_is_wrong_is_said(data, error, message):
+def test_errors_in_an_stl_file_are_reported(data, error, message):
     with pytest.raises(error, match=message):
         read_mesh(data if isinstance(data, bytes) else data.encode(), file_type="stl")
 
 
 @given(st.integers(12, len(TEXT) - 20))
-def test_text_that_ends_early_is_damaged_or_tells(length):
+def test_a_truncated_text_stl_file_is_an_error_or_has_a_note(length):
     try:
         mesh = parsed(TEXT[:length], "stl")
     except (MeshReadError, MeshFormatError):
@@ -152,7 +152,7 @@ def test_text_that_ends_early_is_damaged_or_tells(length):
 
 
 @given(st.binary(min_size=90, max_size=400))
-def test_random_bytes_are_no_stl(data):
+def test_random_bytes_are_not_detected_as_stl(data):
     count = struct.unpack_from("<I", data, 80)[0]
     if len(data) != 84 + 50 * count:
         with pytest.raises(MeshFormatError):

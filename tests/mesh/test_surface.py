@@ -1,4 +1,4 @@
-"""The Surface value."""
+"""The class `Surface`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from unbend.mesh.report import MeshReport
 TRIANGLE = [[0, 0, 0], [2, 0, 0], [0, 1, 0]]
 
 
-def test_areas_sum_to_the_total():
+def test_vertex_areas_sum_to_the_area():
     surface = Surface([*TRIANGLE, [2, 1, 0], [9, 9, 9]], [[0, 1, 2], [1, 3, 2]])
     assert surface.area == pytest.approx(2.0)
     assert surface.vertex_areas.sum() == pytest.approx(2.0)
     assert surface.vertex_areas[4] == 0
 
 
-def test_it_cannot_be_changed_and_does_not_share_the_callers_arrays():
+def test_a_surface_is_immutable_and_copies_its_arrays():
     vertices = np.array(TRIANGLE, float)
     surface = Surface(vertices, [[0, 1, 2]])
     vertices[0] = 7
@@ -49,37 +49,37 @@ def test_it_cannot_be_changed_and_does_not_share_the_callers_arrays():
         ([[-1.7e308, 0, 0], [1.7e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "scale its coordinates"),
     ],
 )
-def test_what_is_no_surface_is_refused(vertices, faces, message):
+def test_invalid_arrays_are_refused(vertices, faces, message):
     with pytest.raises(MeshGeometryError, match=message):
         Surface(vertices, faces)
 
 
-def test_an_unused_vertex_may_be_anything():
+def test_an_unused_vertex_may_have_any_coordinates():
     assert Surface([*TRIANGLE, [np.nan] * 3], [[0, 1, 2]]).area == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("scale", [1e-130, 1e-60, 1e60, 1e130])
-def test_areas_of_tiny_and_huge_surfaces_are_right(scale):
+def test_areas_of_tiny_and_huge_surfaces_are_correct(scale):
     surface = Surface(scale * np.array(TRIANGLE), [[0, 1, 2]])
     assert surface.area / scale / scale == pytest.approx(1.0)
     assert surface.extent == pytest.approx(2 * scale)
 
 
-def test_the_extent_is_that_of_used_vertices():
+def test_the_extent_ignores_unused_vertices():
     assert Surface([*TRIANGLE, [9, 9, 9]], [[0, 1, 2]]).extent == 2
 
 
-def test_used_vertices_are_those_of_faces_in_rising_order():
+def test_used_vertices_are_sorted():
     np.testing.assert_array_equal(Surface([[7, 7, 7], *TRIANGLE], [[3, 1, 2]]).used_vertices, [1, 2, 3])
 
 
-def test_edges_are_found_once():
+def test_edges_are_computed_once():
     surface = Surface(TRIANGLE, [[0, 1, 2]])
     assert surface.edges is surface.edges
     assert surface.edges.boundary == 3
 
 
-def test_another_report_shares_everything_else():
+def test_a_copy_with_another_report_shares_all_arrays():
     surface = Surface(TRIANGLE, [[0, 1, 2]])
     edges = surface.edges
     other = surface.with_report(MeshReport(faces=7))

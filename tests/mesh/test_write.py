@@ -1,4 +1,4 @@
-"""Writing: what was written reads back, by unbend and by trimesh."""
+"""Writing meshes: unbend and trimesh read the written files correctly."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def loaded(data: bytes, file_type: str) -> trimesh.Trimesh:
 @pytest.mark.parametrize("file_type", ["obj", "off"])
 @pytest.mark.parametrize("factor", [1e-30, 1.0, 1e30])
 @pytest.mark.parametrize("coloured", [False, True])
-def test_text_formats_keep_every_digit_at_every_size(file_type, factor, coloured):
+def test_text_formats_keep_every_digit_at_every_scale(file_type, factor, coloured):
     data = write_mesh(factor * VERTICES, FACES, file_type, colours=COLOURS if coloured else None)
     for found in (read_mesh(data), loaded(data, file_type)):
         np.testing.assert_array_equal(found.vertices, factor * VERTICES)
@@ -33,12 +33,12 @@ def test_text_formats_keep_every_digit_at_every_size(file_type, factor, coloured
 
 
 @pytest.mark.parametrize("file_type", ["ply", "obj", "glb"])
-def test_colours_are_where_trimesh_looks_for_them(file_type):
+def test_trimesh_reads_the_written_colours(file_type):
     found = loaded(write_mesh(VERTICES, FACES, file_type, colours=COLOURS), file_type)
     np.testing.assert_allclose(found.visual.vertex_colors[:, :3] / 255, COLOURS, atol=1 / 255)
 
 
-def test_a_coff_file_says_so_and_holds_whole_numbers():
+def test_a_coloured_off_file_is_a_coff_file_with_integer_colours():
     lines = write_mesh(VERTICES, FACES, "off", colours=COLOURS).decode().splitlines()
     assert lines[:2] == ["COFF", "4 2 0"]
     assert lines[2] == "0.0 0.0 0.0 0 128 255 255"
@@ -46,7 +46,7 @@ def test_a_coff_file_says_so_and_holds_whole_numbers():
     assert len(lines) == 8
 
 
-def test_obj_texture_coordinates_stand_beside_each_corner_and_name_no_other_file():
+def test_obj_texture_coordinates_are_written_per_corner_without_a_material_file():
     text = write_mesh(VERTICES, FACES, "obj", uv=UV).decode()
     assert "vt 1.0 0.25\n" in text
     assert text.endswith("f 1/1 2/2 3/3\nf 2/2 4/4 3/3\n")
@@ -54,14 +54,14 @@ def test_obj_texture_coordinates_stand_beside_each_corner_and_name_no_other_file
 
 
 @pytest.mark.parametrize("file_type", ["obj", "glb"])
-def test_texture_coordinates_read_back(file_type):
+def test_trimesh_reads_the_written_texture_coordinates(file_type):
     data = write_mesh(VERTICES, FACES, file_type, uv=UV)
     np.testing.assert_allclose(loaded(data, file_type).visual.uv, UV, atol=1e-7)
     np.testing.assert_array_equal(read_mesh(data).faces, FACES)
 
 
 @pytest.mark.parametrize("file_type", ["ply", "off"])
-def test_texture_coordinates_are_refused_where_they_would_be_lost(file_type):
+def test_texture_coordinates_are_refused_in_formats_without_them(file_type):
     with pytest.raises(ParameterError, match="obj, glb"):
         write_mesh(VERTICES, FACES, file_type, uv=UV)
 

@@ -1,4 +1,4 @@
-"""The canonical form: equal to the signature at its samples, and as accurate between them."""
+"""The canonical form: equal to the signature at its samples, and as accurate at other vertices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ METHODS = ["least_squares", "classical", "fast"]
 
 
 def held_out(surface: Surface, signature: Signature) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that are not samples, and their distances in the signature's unit."""
+    """Return some vertices that are not samples, and the distances between them in the signature's unit."""
     others = np.setdiff1d(surface.used_vertices, signature.samples)
     chosen = np.random.default_rng(0).choice(others, 150, replace=False)
     return chosen, geodesic_matrix(surface, chosen) / signature.scale
@@ -27,7 +27,7 @@ def held_out(surface: Surface, signature: Signature) -> tuple[np.ndarray, np.nda
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dimensions", [1, 3, 6])
 @pytest.mark.parametrize("scaling", ["area", "box"])
-def test_samples_are_where_the_signature_has_them(method, dimensions, scaling):
+def test_the_form_equals_the_signature_at_its_samples(method, dimensions, scaling):
     surface = torus(columns=40, rows=25)
     parameters = Parameters(samples=120, dimensions=dimensions, method=method, scaling=scaling)
     form, signature = canonical_form(surface, parameters), compute_signature(surface, parameters)
@@ -38,7 +38,7 @@ def test_samples_are_where_the_signature_has_them(method, dimensions, scaling):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dimensions", [2, 3, 6])
-def test_samples_do_not_stand_out_from_their_neighbours(method, dimensions):
+def test_the_form_is_as_smooth_at_samples_as_at_other_vertices(method, dimensions):
     surface = torus(columns=60, rows=40)
     form = canonical_form(surface, Parameters(samples=150, dimensions=dimensions, method=method))
     count, (a, b, c) = len(surface.vertices), surface.faces.T
@@ -54,7 +54,7 @@ def test_samples_do_not_stand_out_from_their_neighbours(method, dimensions):
 @pytest.mark.parametrize("bending", BENDINGS)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dimensions", [2, 3])
-def test_bent_sheets_unbend_to_the_plane_at_every_vertex(bending, method, dimensions):
+def test_every_vertex_of_a_bent_sheet_is_placed_isometrically_in_the_plane(bending, method, dimensions):
     flat, bent = sheet(columns=60, rows=30), BENDINGS[bending](columns=60, rows=30)
     form = canonical_form(bent, Parameters(method=method, dimensions=dimensions))
     some = np.random.default_rng(0).choice(len(flat.vertices), 300, replace=False)
@@ -66,7 +66,7 @@ def test_bent_sheets_unbend_to_the_plane_at_every_vertex(bending, method, dimens
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dimensions", [2, 3, 5])
-def test_vertices_between_the_samples_are_placed_as_if_embedded_themselves(method, dimensions):
+def test_vertices_between_the_samples_have_hardly_more_stress_than_an_embedding(method, dimensions):
     surface = torus(columns=60, rows=40)
     form = canonical_form(surface, Parameters(method=method, dimensions=dimensions))
     chosen, distances = held_out(surface, form.signature)
@@ -76,7 +76,7 @@ def test_vertices_between_the_samples_are_placed_as_if_embedded_themselves(metho
 
 @pytest.mark.parametrize("mesh", ["single/spot.obj", "tosca5k/cat0.off"])
 @pytest.mark.parametrize("dimensions", [2, 3, 8])
-def test_real_meshes_have_hardly_more_stress_between_the_samples(shared_data, mesh, dimensions):
+def test_vertices_of_real_meshes_have_hardly_more_stress_than_an_embedding(shared_data, mesh, dimensions):
     surface = read_mesh(shared_data / mesh)
     form = canonical_form(surface, Parameters(dimensions=dimensions))
     chosen, distances = held_out(surface, form.signature)
@@ -84,7 +84,7 @@ def test_real_meshes_have_hardly_more_stress_between_the_samples(shared_data, me
     assert stress(form.points[chosen], distances) < 1.2 * max(itself, form.signature.stress)
 
 
-def test_few_landmarks_do_when_memory_is_short(monkeypatch):
+def test_few_landmarks_suffice_when_memory_is_limited(monkeypatch):
     surface = torus(columns=60, rows=40)
     signature = compute_signature(surface)
     many = canonical_form(surface, signature=signature)
@@ -98,7 +98,7 @@ def test_few_landmarks_do_when_memory_is_short(monkeypatch):
     assert module._landmark_count(surface, signature) == 8
 
 
-def test_a_known_signature_is_not_computed_again(monkeypatch):
+def test_a_given_signature_is_not_computed_again(monkeypatch):
     surface = torus(columns=30, rows=20)
     form = canonical_form(surface, Parameters(samples=60))
     monkeypatch.delattr(module, "compute_signature")
@@ -107,7 +107,7 @@ def test_a_known_signature_is_not_computed_again(monkeypatch):
     assert again.signature is form.signature
 
 
-def test_runs_and_thread_counts_give_equal_forms():
+def test_forms_do_not_depend_on_the_run_or_the_number_of_threads():
     surface = torus(columns=30, rows=20)
     first = canonical_form(surface, Parameters(samples=60))
     for threads in (1, 5):
@@ -115,7 +115,7 @@ def test_runs_and_thread_counts_give_equal_forms():
         np.testing.assert_array_equal(again.points, first.points)
 
 
-def test_units_do_not_matter():
+def test_the_unit_of_length_does_not_change_the_form():
     surface = torus(columns=30, rows=20)
     form = canonical_form(surface, Parameters(samples=60))
     for factor in (2.0**-100, 2.0**100):
@@ -130,13 +130,13 @@ def test_units_do_not_matter():
     [tetrahedron(), Surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), sphere(subdivisions=1)],
     ids=["tetra", "triangle", "sphere"],
 )
-def test_where_every_vertex_is_a_sample_the_form_is_the_signature(surface, method, dimensions):
+def test_the_form_equals_the_signature_if_every_vertex_is_a_sample(surface, method, dimensions):
     form = canonical_form(surface, Parameters(method=method, dimensions=dimensions))
     np.testing.assert_array_equal(form.points[form.signature.samples], form.signature.points)
     assert np.isfinite(form.points).all()
 
 
-def test_vertices_without_a_face_have_no_place():
+def test_vertices_without_a_face_are_nan():
     surface = torus(columns=20, rows=12)
     loose = Surface(
         np.vstack([surface.vertices[:5], [[9, 9, 9]], surface.vertices[5:]]), surface.faces + (surface.faces > 4)
@@ -147,7 +147,7 @@ def test_vertices_without_a_face_have_no_place():
     assert len(form.surface.used_vertices) == len(surface.vertices)
 
 
-def test_what_cannot_be_is_refused():
+def test_invalid_arguments_are_refused():
     surface = torus(columns=20, rows=12)
     signature = compute_signature(surface, Parameters(samples=50))
     with pytest.raises(ParameterError, match="its own"):
@@ -160,7 +160,7 @@ def test_what_cannot_be_is_refused():
         canonical_form(Surface(np.zeros((3, 3)), [[0, 1, 2]]))
 
 
-def test_forms_cannot_be_changed():
+def test_forms_are_read_only():
     form = canonical_form(tetrahedron())
     with pytest.raises(ValueError, match="read-only"):
         form.points[0] = 0

@@ -1,4 +1,4 @@
-"""Exports: further dimensions are colours, from which they can be restored."""
+"""Exports of signatures: coordinates beyond the third are stored as colours."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def signature_in(dimensions: int):
 
 
 def colours_in(data: bytes, file_type: str) -> np.ndarray | None:
-    """Vertex colours of a file, 0 to 1, or None."""
-    if file_type == "off":  # trimesh reads the places only
+    """Return the vertex colours of a file, from 0 to 1, or None."""
+    if file_type == "off":  # trimesh reads only the coordinates of an off file
         lines = data.decode().splitlines()
         if lines[0] == "OFF":
             return None
@@ -37,7 +37,7 @@ def colours_in(data: bytes, file_type: str) -> np.ndarray | None:
 
 @pytest.mark.parametrize("file_type", FORMATS)
 @pytest.mark.parametrize("dimensions", [4, 5, 6, 9])
-def test_further_coordinates_come_back_from_the_colours(file_type, dimensions):
+def test_coordinates_beyond_the_third_can_be_restored_from_the_colours(file_type, dimensions):
     signature = signature_in(dimensions)
     data = export_signature(signature, file_type)
     surface, colours = read_mesh(data), colours_in(data, file_type)
@@ -55,12 +55,12 @@ def test_further_coordinates_come_back_from_the_colours(file_type, dimensions):
 
 @pytest.mark.parametrize("file_type", FORMATS)
 @pytest.mark.parametrize("dimensions", [1, 2, 3])
-def test_up_to_three_dimensions_there_are_no_colours(file_type, dimensions):
+def test_signatures_of_up_to_three_dimensions_have_no_colours(file_type, dimensions):
     data = export_signature(signature_in(dimensions), file_type)
     assert colours_in(data, file_type) is None
 
 
-def test_colours_show_lengths_alike_in_all_coordinates():
+def test_colours_use_one_scale_for_all_coordinates():
     points = np.random.default_rng(0).normal(size=(50, 6)) * [1, 1, 1, 3, 1, 0.1]
     colours = coordinate_colours(points)
     assert np.ptp(colours[:, 0]) == pytest.approx(1.0)
@@ -75,7 +75,7 @@ def test_colours_show_lengths_alike_in_all_coordinates():
 
 @pytest.mark.parametrize("file_type", FORMATS)
 @pytest.mark.parametrize("dimensions", [2, 3, 5])
-def test_whole_forms_are_drawn_with_the_surfaces_own_faces(file_type, dimensions):
+def test_canonical_forms_are_exported_with_the_faces_of_the_surface(file_type, dimensions):
     form = canonical_form(SURFACE, Parameters(samples=60, dimensions=dimensions))
     data = export_form(form, file_type)
     surface = read_mesh(data)
@@ -86,20 +86,20 @@ def test_whole_forms_are_drawn_with_the_surfaces_own_faces(file_type, dimensions
 
 
 @pytest.mark.parametrize("file_type", FORMATS)
-def test_vertices_without_a_face_are_written_as_zero(file_type):
+def test_vertices_without_a_face_are_exported_as_zero(file_type):
     loose = Surface(np.vstack([SURFACE.vertices, [[9, 9, 9]]]), SURFACE.faces)
     form = canonical_form(loose, Parameters(samples=60, dimensions=4))
     surface = read_mesh(export_form(form, file_type))
     np.testing.assert_array_equal(surface.vertices[-1], 0)
 
 
-def test_json_and_npz_of_a_form_hold_every_coordinate():
+def test_json_and_npz_of_a_form_contain_every_coordinate():
     loose = Surface(np.vstack([SURFACE.vertices, [[9, 9, 9]]]), SURFACE.faces)
     form = canonical_form(loose, Parameters(samples=60, dimensions=4))
-    told = json.loads(export_form(form, "json"))
-    np.testing.assert_array_equal(told["points"][:-1], form.points[:-1])
-    assert told["points"][-1] is None
-    assert told["scale"] == form.signature.scale
+    reported = json.loads(export_form(form, "json"))
+    np.testing.assert_array_equal(reported["points"][:-1], form.points[:-1])
+    assert reported["points"][-1] is None
+    assert reported["scale"] == form.signature.scale
     with np.load(io.BytesIO(export_form(form, "npz"))) as arrays:
         np.testing.assert_array_equal(arrays["points"], form.points)
         np.testing.assert_array_equal(arrays["faces"], form.faces)

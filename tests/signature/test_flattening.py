@@ -1,4 +1,4 @@
-"""Flattening: isometric where possible, and correct measures of distortion elsewhere."""
+"""Flattening: isometric if possible, otherwise with correct measures of distortion."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_developable_surfaces_flatten_isometrically(bending):
 
 
 @pytest.mark.parametrize("surface", [sheet(width=2, height=0.5), spiral(), sphere(subdivisions=3)])
-def test_texture_coordinates_fill_one_side_and_keep_the_aspect(surface):
+def test_texture_coordinates_start_at_zero_fill_one_side_and_keep_lengths(surface):
     found = flatten(surface, Parameters(samples=100))
     np.testing.assert_allclose(found.uv.min(axis=0), 0, atol=1e-12)
     assert found.uv.max() == pytest.approx(1.0)
@@ -42,13 +42,13 @@ def test_texture_coordinates_fill_one_side_and_keep_the_aspect(surface):
     assert np.median(edges / own) == pytest.approx(1.0, abs=0.35)
 
 
-def test_the_front_is_up_whichever_side_that_is():
+def test_flattened_faces_point_up_for_either_orientation():
     surface = s_bend()
     assert flatten(surface).flipped == 0
     assert flatten(Surface(surface.vertices, surface.faces[:, ::-1])).flipped == 0
 
 
-def test_stretches_are_those_of_a_known_map():
+def test_stretches_of_a_known_map_are_correct():
     surface = sheet(columns=6, rows=4)
     found = flatten(surface)
     known = Flattening(surface.vertices[:, :2] * [3.0, 0.5], 1.0, np.empty((0, 2)), 0.0, surface)
@@ -66,19 +66,19 @@ def test_stretches_are_those_of_a_known_map():
     assert found.scale == pytest.approx(2.0, rel=0.01)
 
 
-def test_a_closed_surface_lies_in_two_layers_and_a_hemisphere_in_one():
+def test_a_closed_surface_is_flattened_in_two_layers_and_a_hemisphere_in_one():
     ball = sphere(subdivisions=4)
     closed = flatten(ball)
     assert 0.3 < closed.flipped <= 0.5
     top = (ball.vertices[ball.faces][:, :, 2] >= -1e-9).all(axis=1)
     half = flatten(Surface(ball.vertices, ball.faces[top]))
     assert half.flipped == 0
-    assert 1.02 < half.mean_distortion < 1.3  # it has curvature: no isometry
+    assert 1.02 < half.mean_distortion < 1.3  # a curved surface has no isometric flattening
     assert half.stress < 0.1 * closed.stress
-    assert np.isnan(half.uv).any()  # the other half's vertices, which no face uses
+    assert np.isnan(half.uv).any()  # vertices of the other half, which no face uses
 
 
-def test_triangles_without_an_area_have_no_stretch():
+def test_triangles_of_zero_area_have_no_stretch():
     flat = sheet(columns=10, rows=6)
     middle = (flat.vertices[0] + flat.vertices[1]) / 2
     surface = Surface(np.vstack([flat.vertices, middle]), np.vstack([flat.faces, [[0, 1, len(flat.vertices)]]]))
@@ -90,7 +90,7 @@ def test_triangles_without_an_area_have_no_stretch():
 
 
 @pytest.mark.parametrize("file_type", ["obj", "glb"])
-def test_the_original_mesh_is_exported_with_texture_coordinates(file_type):
+def test_a_flattening_is_exported_as_the_mesh_with_texture_coordinates(file_type):
     surface = s_bend(columns=20, rows=10)
     found = flatten(surface)
     data = export_flattening(found, file_type)
@@ -103,7 +103,7 @@ def test_the_original_mesh_is_exported_with_texture_coordinates(file_type):
     np.testing.assert_allclose(again.vertices, surface.vertices, atol=1e-6)
 
 
-def test_json_and_npz_hold_the_coordinates_and_other_formats_are_refused():
+def test_json_and_npz_contain_the_coordinates_and_other_formats_are_refused():
     found = flatten(torus(columns=20, rows=12), Parameters(samples=50))
     np.testing.assert_array_equal(json.loads(export_flattening(found, "json"))["uv"], found.uv)
     with np.load(io.BytesIO(export_flattening(found, "npz"))) as arrays:
@@ -113,7 +113,7 @@ def test_json_and_npz_hold_the_coordinates_and_other_formats_are_refused():
             export_flattening(found, file_type)
 
 
-def test_a_real_sheet_like_mesh_flattens_with_little_distortion(shared_data):
+def test_a_real_mesh_with_a_boundary_flattens_with_little_stress(shared_data):
     surface = read_mesh(shared_data / "single" / "camelhead.off")  # a head, open at the neck
     found = flatten(surface)
     assert found.stress < 0.1
@@ -121,7 +121,7 @@ def test_a_real_sheet_like_mesh_flattens_with_little_distortion(shared_data):
     assert found.flipped <= 0.5
 
 
-def test_flattenings_cannot_be_changed():
+def test_flattenings_are_read_only():
     found = flatten(sheet(columns=6, rows=4))
     for array in (found.uv, found.stretches, found.distortion):
         with pytest.raises(ValueError, match="read-only"):

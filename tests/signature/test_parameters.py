@@ -1,4 +1,4 @@
-"""Parameters: a frozen, hashable value that survives a round trip through JSON."""
+"""Parameters: hashable values that can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ from unbend.errors import ParameterError
         tolerance=st.floats(0.001, 0.999),
     )
 )
-def test_json_round_trip_and_hash(parameters):
+def test_parameters_survive_json_with_an_equal_hash(parameters):
     again = Parameters.from_json(parameters.to_json())
     assert again == parameters
     assert hash(again) == hash(parameters)
     assert Parameters.from_dict(parameters.as_dict()) == parameters
 
 
-def test_the_text_of_defaults_is_what_it_was_before_there_were_more_fields():
+def test_the_json_of_default_parameters_never_changes():
     text = '{"dimensions":3,"method":"least_squares","samples":300,"scaling":"area","update":"spherical"}'
-    assert Parameters().to_json() == text  # stored signatures are found by it
+    assert Parameters().to_json() == text  # stored signatures are found by this text
     assert Parameters(seed=1).to_json() == text.replace('"area",', '"area","seed":1,')
 
 
 @pytest.mark.parametrize("method", ["classical", "fast"])
 @pytest.mark.parametrize("field", [{"starts": 1}, {"weights": "inverse"}, {"weights": "inverse_squared"}])
-def test_what_only_least_squares_has_a_use_for_is_refused_with_other_methods(method, field):
+def test_fields_for_least_squares_are_refused_with_other_methods(method, field):
     with pytest.raises(ParameterError, match=f"least_squares only, not with {method}"):
         Parameters(method=method, **field)
 
 
-def test_areas_are_weights_of_two_methods():
+def test_area_weights_are_refused_with_the_fast_method():
     assert Parameters(method="classical", weights="area").weights == "area"
     with pytest.raises(ParameterError, match="not with fast"):
         Parameters(method="fast", weights="area")
@@ -84,6 +84,6 @@ def test_areas_are_weights_of_two_methods():
         ('{"scaling": 1}', "scaling"),
     ],
 )
-def test_what_is_out_of_range_is_refused_by_name(text, message):
+def test_an_invalid_field_of_parameters_is_named(text, message):
     with pytest.raises(ParameterError, match=message):
         Parameters.from_json(text)

@@ -1,1 +1,1 @@
-"""Helpers of tests: servers, oracles, meshes, and checks that several tests share."""
+"""Helpers that several tests share: servers, oracles, meshes and checks."""

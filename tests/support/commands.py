@@ -1,4 +1,4 @@
-"""The command line for tests: as a process, or in this one, and what must hold of every call."""
+"""Runs the command line in tests, as a process or within this process, and checks the result."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def unbend(*arguments: object, **settings: str) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
-def called(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
-    """The same in this process: for the many calls that would each spend seconds on loading."""
+def in_process(*arguments: object, **settings: str) -> subprocess.CompletedProcess[str]:
+    """Run a command within this process, which saves the seconds that a new process needs for imports."""
     from unbend.cli import main
 
     ours = {name: None for name in os.environ if name.startswith("UNBEND_")}

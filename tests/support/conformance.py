@@ -18,7 +18,7 @@ from tests.support.server import without_settings
 
 SUPPORT = Path(__file__).parent
 PHASES = ("examples", "coverage", "fuzzing", "stateful")
-load_all_checks()  # the registry has one check before
+load_all_checks()  # without this call, the registry has only one check
 CHECK_NAMES = frozenset(CHECKS.get_all_names())
 
 
@@ -62,13 +62,13 @@ def run(
     folder : Path
         Folder of its files.
     examples : int
-        Requests made up for each operation, sequences for the whole.
+        Number of requests generated for each operation, and of sequences.
     steps : int
         Most requests in a sequence.
     seed : int, optional
-        What is made up is the same for the same seed, but for the ids that answers give; None for another each time.
+        Seed of the generated requests, which are reproducible except for ids from responses; None for a random seed.
     key : str, optional
-        The server's library has keys, and this is one that may write: no call is to be answered without one.
+        A key with write scope, if the server's library has keys: then every operation must require a key.
     """
     document = httpx.get(f"{url}/openapi.json").raise_for_status().json()
     if key:
@@ -130,7 +130,7 @@ def _phase(report: Report, event: dict[str, Any]) -> None:
 def _scenario(report: Report, event: dict[str, Any]) -> None:
     recorder = event["recorder"]
     lengths: dict[str, int] = {}
-    for case_id, case in recorder.get("cases", {}).items():  # of an operation without examples there are none
+    for case_id, case in recorder.get("cases", {}).items():  # an operation without examples has no cases
         label = f"{case['value']['method']} {case['value']['path']}"
         answered = recorder["interactions"].get(case_id)
         if answered is None:

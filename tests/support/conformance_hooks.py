@@ -1,6 +1,6 @@
-"""What schemathesis sends as a file: it knows of no meshes, and OpenAPI can only say which types one may be of.
+"""Generators of mesh files for schemathesis, because OpenAPI describes only their media types.
 
-Loaded by schemathesis itself, as its configuration says.
+schemathesis loads this module, as its configuration says.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ def ring(number: int) -> trimesh.Trimesh:
 
 
 def as_file(mesh: trimesh.Trimesh, file_type: str) -> bytes:
-    if file_type == "stl":  # which is read and not written
+    if file_type == "stl":  # unbend does not write stl
         return bytes(mesh.export(file_type="stl"))
     return write_mesh(mesh.vertices, mesh.faces, file_type)
 
 
 def files(file_type: str) -> st.SearchStrategy[bytes]:
-    """Meshes of one format, so few of them that the same one is sent again; and one that only its job finds damaged."""
+    """Return few meshes of a format, so that some are sent repeatedly; off has one whose damage only the job finds."""
     numbers = st.integers(1, 12)
     whole = (numbers.map(tetrahedron) | numbers.map(ring)).map(lambda mesh: as_file(mesh, file_type))
     return whole | st.just(DAMAGED) if file_type == "off" else whole

@@ -1,4 +1,4 @@
-"""Small surfaces with random defects, and what must hold of each: a right distance or a typed error."""
+"""Small surfaces with random defects, and checks that each gives correct distances or a typed error."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from unbend.mesh.repair import repair
 from unbend.mesh.shapes import bent_tube, cylinder, sphere, torus
 
 DETOUR: Final = 0.1
-"""How much longer than the shortest path along edges a distance may be, for not all flipped edges are followed."""
+"""Share by which a distance may exceed the shortest path along edges, because marching does not use all edges."""
 
 NOTHING: Final = 1e-4
-"""Share of the median edge below which a length is none: edges without one get a tiny one (`flips.mollified`)."""
+"""Share of the median edge below which a length counts as zero: `flips.mollified` gives such edges a tiny length."""
 
 SHORTFALL: Final = 1e-9
-"""A distance is marched in single precision: what a chain of some dozens of updates may round."""
+"""Tolerance for rounding in a chain of some dozens of updates."""
 
 UPDATES: Final = ("spherical", "planar")
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Raw arrays, and the names of what was done to them."""
+    """Raw arrays, and the names of the base and of the defects applied to it."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -63,7 +63,7 @@ def cut_vertex(vertices, faces, rng):
 
 
 def cut_through(vertices, faces, rng):
-    """Cut along a plane, so that there may be two components."""
+    """Cut along a plane, which may give two components."""
     with np.errstate(all="ignore"):
         heights = vertices[faces] @ rng.normal(size=3)
         level = np.median(heights)
@@ -86,19 +86,19 @@ def flip_faces(vertices, faces, rng):
 
 
 def merge_neighbours(vertices, faces, rng):
-    """Let one corner of a face become another: faces that repeat a vertex, and a hole closed to a needle's eye."""
+    """Merge two neighbouring vertices: some faces then repeat a vertex."""
     a, b, _ = rng.permuted(faces[rng.integers(len(faces))])
     return vertices, np.where(faces == a, b, faces)
 
 
 def merge_far(vertices, faces, rng):
-    """Let two vertices anywhere be one: a vertex where fans meet, and faces stretched through space."""
+    """Merge two random vertices: several fans then meet at one vertex, and some faces are stretched."""
     a, b = rng.integers(len(vertices), size=2)
     return vertices, np.where(faces == a, b, faces)
 
 
 def corner_far(vertices, faces, rng):
-    """Give faces a corner anywhere."""
+    """Replace a corner of some faces by a random vertex."""
     moved = faces.copy()
     moved[_some(rng, len(faces)), rng.integers(3)] = rng.integers(len(vertices))
     return vertices, moved
@@ -106,7 +106,7 @@ def corner_far(vertices, faces, rng):
 
 def coincide(vertices, faces, rng):
     moved = vertices.copy()
-    if rng.random() < 0.5:  # neighbours: the edge between them has no length
+    if rng.random() < 0.5:  # two neighbours coincide, so that their edge has length zero
         a, b, _ = rng.permuted(faces[rng.integers(len(faces))])
         moved[a] = moved[b]
     else:
@@ -115,7 +115,7 @@ def coincide(vertices, faces, rng):
 
 
 def split_vertex(vertices, faces, rng):
-    """Give half of a vertex's faces a vertex of their own at its place."""
+    """Give half of a vertex's faces a copy of the vertex."""
     vertex = faces[rng.integers(len(faces)), 0]
     split = faces.copy()
     own = (faces == vertex) & (rng.random((len(faces), 1)) < 0.5)
@@ -137,7 +137,7 @@ def spikes(vertices, faces, rng):
 
 
 def far_spike(vertices, faces, rng):
-    """Move a vertex so far that the other edges nearly vanish beside its own."""
+    """Move a vertex so far away that its edges are much longer than all others."""
     moved = vertices.copy()
     with np.errstate(all="ignore"):
         moved[rng.integers(len(vertices))] *= 10.0 ** rng.uniform(3, 40)
@@ -151,7 +151,7 @@ def not_finite(vertices, faces, rng):
 
 
 def flatten_face(vertices, faces, rng):
-    """Move a corner onto the line through the others: a face of zero area."""
+    """Move a corner onto the line through the other two, which gives a face of zero area."""
     moved = vertices.copy()
     a, b, c = rng.permuted(faces[rng.integers(len(faces))])
     share = rng.choice([0.5, rng.uniform(-0.5, 1.5)])
@@ -161,7 +161,7 @@ def flatten_face(vertices, faces, rng):
 
 
 def collinear_faces(vertices, faces, rng):
-    """Add faces of three collinear vertices: the halves of an edge and the whole."""
+    """Add a face of three collinear vertices: the ends of an edge and its midpoint."""
     a, b, _ = rng.permuted(faces[rng.integers(len(faces))])
     with np.errstate(all="ignore"):
         middle = 0.5 * vertices[[a]] + 0.5 * vertices[[b]]
@@ -169,7 +169,7 @@ def collinear_faces(vertices, faces, rng):
 
 
 def fin(vertices, faces, rng):
-    """Add a third face at an edge, with a vertex of its own or one from anywhere."""
+    """Add a third face at an edge, with a new vertex or a random one."""
     a, b, _ = rng.permuted(faces[rng.integers(len(faces))])
     if rng.random() < 0.5:
         return vertices, np.concatenate([faces, [[a, b, rng.integers(len(vertices))]]])
@@ -179,7 +179,7 @@ def fin(vertices, faces, rng):
 
 
 def isolated(vertices, faces, rng):
-    """Insert vertices that no face uses, which shifts all others."""
+    """Insert unused vertices at the start, which shifts all other indices."""
     extra = rng.normal(size=(int(rng.integers(1, 4)), 3)) * rng.choice([1.0, 1e9, np.nan])
     return np.concatenate([extra, vertices]), faces + len(extra)
 
@@ -196,13 +196,13 @@ def rescale(vertices, faces, rng):
 
 
 def huge(vertices, faces, rng):
-    """Scale to where squared lengths leave the range of double precision."""
+    """Scale so that squared lengths leave the range of double precision."""
     with np.errstate(all="ignore"):
         return vertices * 10.0 ** (rng.choice([-1, 1]) * rng.uniform(100, 308)), faces
 
 
 def squash(vertices, faces, rng):
-    """Scale one axis only: needles all over."""
+    """Scale one axis only, so that all triangles become needles."""
     with np.errstate(all="ignore"):
         return vertices * np.where(np.arange(3) == rng.integers(3), 10.0 ** rng.uniform(-6, 2), 1.0), faces
 
@@ -223,14 +223,14 @@ DEFECTS: Final[dict[str, Defect]] = {
 }  # fmt: skip
 
 COARSE: Final = frozenset({"far_spike", "squash"})
-"""What single precision and a bounded unfolding cannot follow: edges a million times longer than others, needles."""
+"""Defects with large errors, because of single precision and bounded unfolding: needles and extreme lengths."""
 
 SELDOM: Final = frozenset({"huge", "out_of_range"})
-"""What mostly ends in an error, and would hide what the other defects do."""
+"""Defects that mostly cause an error, which would hide the effects of other defects."""
 
 
 def spoil(base: str, steps: list[tuple[str, int]]) -> Mesh:
-    """Apply defects, each with a seed of its own, to one of `BASES`."""
+    """Apply defects, each with its own seed, to one of `BASES`."""
     surface = BASES[base]()
     vertices, faces = np.array(surface.vertices), np.array(surface.faces, np.int64)
     for name, seed in steps:
@@ -240,13 +240,13 @@ def spoil(base: str, steps: list[tuple[str, int]]) -> Mesh:
 
 
 def defective(names: frozenset[str] = frozenset(DEFECTS)) -> st.SearchStrategy[Mesh]:
-    """Meshes with one to four defects; they shrink to fewer and to those named first."""
+    """Return a strategy for meshes with one to four defects; Hypothesis shrinks to fewer and earlier defects."""
     step = st.tuples(st.sampled_from([name for name in DEFECTS if name in names]), st.integers(0, 2**32 - 1))
     return st.builds(spoil, st.sampled_from(list(BASES)), st.lists(step, min_size=1, max_size=4))
 
 
 def random_defective(rng: np.random.Generator) -> Mesh:
-    """Return a mesh as `defective` does, for runs too long for Hypothesis."""
+    """Return a random mesh like those of `defective`, for runs too long for Hypothesis."""
     names = list(DEFECTS)
     weights = np.array([0.25 if name in SELDOM else 1.0 for name in names])
     chosen = rng.choice(names, int(rng.integers(1, 5)), p=weights / weights.sum())
@@ -255,7 +255,7 @@ def random_defective(rng: np.random.Generator) -> Mesh:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The surface a mesh was repaired to, or the error; then errors relative to exact distances, by update."""
+    """The repaired surface or the error, and the relative errors of distances by update."""
 
     error: MeshError | None = None
     surface: Surface | None = None
@@ -266,7 +266,7 @@ class Outcome:
 def examine(
     mesh: Mesh, rng: np.random.Generator, components: str = "largest", sources: int = 2, seams: str = "stitch"
 ) -> Outcome:
-    """Repair a mesh and measure its distances against exact ones; raise AssertionError where a property fails."""
+    """Repair a mesh and compare its distances with exact ones; raise AssertionError if a check fails."""
     given = mesh.vertices.copy(), mesh.faces.copy()
     try:
         surface = repair(mesh.vertices, mesh.faces, policy=MeshPolicy(components=components, seams=seams))
@@ -285,29 +285,29 @@ def examine(
 
 
 def check_places(surface: Surface, vertices: np.ndarray) -> None:
-    """Check that every vertex of the mesh is on the surface, in order, and where it was."""
+    """Check that every vertex of the mesh is on the surface, in order, and at its position."""
     where = np.arange(len(vertices)) if surface.vertex_map is None else surface.vertex_map
     lowest, first = np.unique(where, return_index=True)
-    assert len(where) == len(vertices), "vertices without a place"
-    assert (lowest == np.arange(len(surface.vertices))).all(), "vertices that stand for none"
-    assert (np.diff(first) > 0).all(), "changed order"
+    assert len(where) == len(vertices), "the vertex map has another length"
+    assert (lowest == np.arange(len(surface.vertices))).all(), "some vertices of the surface are not in the map"
+    assert (np.diff(first) > 0).all(), "the order of vertices changed"
     on_faces = np.isin(where, surface.used_vertices)
     apart = np.abs(surface.vertices[where[on_faces]] - vertices[on_faces]).max()
-    assert apart <= (surface.report.seam_tolerance or 0.0), "moved vertices"
+    assert apart <= (surface.report.seam_tolerance or 0.0), "vertices moved"
 
 
 def check_distances(surface: Surface, sources: np.ndarray) -> dict[str, np.ndarray]:
-    """Check what must hold exactly; return (d - exact) / exact of all pairs with both finite, by update."""
+    """Check the distances of each update; return (d - exact) / exact of all pairs with both finite, by update."""
     try:
         exact = soup_distances(surface, sources)
     except TooManyWindowsError:
-        exact = steiner_distances(surface, sources)  # up to some two percent too long
+        exact = steiner_distances(surface, sources)  # up to about two percent too long
     longest = edge_path_distances(surface, sources)
     return {update: check_rows(surface, sources, update, longest, exact) for update in UPDATES}
 
 
 def check_rows(surface, sources, update, longest, exact=None) -> np.ndarray:
-    """Check the distances of one update; return their errors relative to `exact` (none without it)."""
+    """Check the distances of one update; return their errors relative to `exact`, or an empty array without it."""
     distances = geodesic_distances(surface, sources, update=update)
     assert distances.shape == (len(sources), len(surface.vertices))
     assert not np.isnan(distances).any(), f"{update}: NaN"

@@ -1,4 +1,4 @@
-"""A small disk of its own, for what happens when it is full."""
+"""A small mounted disk, for tests of a full disk."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 @contextmanager
 def small_disk(folder: Path, megabytes: int) -> Iterator[Path]:
-    """Mount a disk of so many megabytes at a folder; PermissionError where this user may not."""
+    """Mount a disk of this size at a folder; raise PermissionError if the user may not mount."""
     mount, unmount = shutil.which("mount"), shutil.which("umount")
     options = ["-t", "tmpfs", "-o", f"size={megabytes}m", "none", str(folder)]
     if not mount or not unmount or subprocess.run([mount, *options], capture_output=True, check=False).returncode:

@@ -1,4 +1,4 @@
-"""What a running process holds: memory, handles, threads."""
+"""Memory, file descriptors and threads of a running process."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ _KB = 1024
 
 @dataclass(frozen=True)
 class Footprint:
-    """Of one process at one moment; memory in bytes."""
+    """The resources of a process; memory is in bytes."""
 
     resident: int
     own: int
-    """What nobody else has: it would be free if the process ended."""
+    """Private memory, which would be free if the process ended."""
     handles: int
     threads: int
 
 
 def footprint(pid: int) -> Footprint:
-    """Return what a process holds now; OSError where there is none."""
+    """Return the resources of a process; raise OSError if there is no such process."""
     folder = Path(f"/proc/{pid}")
     rows = dict(line.split(":", 1) for line in (folder / "smaps_rollup").read_text().splitlines()[1:])
     kilobytes = {name: int(value.split()[0]) for name, value in rows.items()}
@@ -37,7 +37,7 @@ def is_asleep(pid: int) -> bool:
 
 
 def writes_to_a_pipe(pid: int) -> bool:
-    """Whether a process waits for room in a pipe; False also where the system does not tell."""
+    """Tell whether a process waits to write to a full pipe; False if the system does not show this."""
     try:
         return "pipe_w" in Path(f"/proc/{pid}/wchan").read_text()
     except OSError:
@@ -45,7 +45,7 @@ def writes_to_a_pipe(pid: int) -> bool:
 
 
 def processes_with(setting: str) -> list[int]:
-    """The processes that have a setting, `NAME=value`, in the environment they were started with."""
+    """Return the processes that were started with an environment variable, given as `NAME=value`."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:

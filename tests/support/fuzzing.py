@@ -1,4 +1,4 @@
-"""Small valid files of every format and variant, and ways to damage them: each mutant by its format and number."""
+"""Damaged mesh files (mutants), made from small valid files of every format, and identified by format and number."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ NUMBERS = (
     b"inf", b"-inf", b"0x10", b"0x", b"1_0", b"1,5", b"1.5", b".5", b"5.", b"+7", b"--7", b"", b"1e", b"\xd9\xa3",
     b"\xef\xbc\x93", b"9" * 400, b"9" * 5000, b"true", b"null",
 )  # fmt: skip
-"""Numbers, and what may look like one."""
+"""Numbers, and texts that look like numbers."""
 
 INTEGERS = (0, 1, 2, 3, 255, 2**15, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 10**9)
 NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 def mutant(file_type: str, number: int, seed: int = 0) -> bytes:
-    """The damaged file of a format with this number; always the same."""
+    """Return the damaged file of a format with this number, which is always the same."""
     rng = np.random.default_rng([seed, FORMATS.index(file_type), number])
     files = seeds(file_type)
     data = files[int(rng.integers(len(files)))]
@@ -42,7 +42,7 @@ def mutant(file_type: str, number: int, seed: int = 0) -> bytes:
 
 
 def file_name(file_type: str, number: int) -> str:
-    """The name a mutant is sent by: one of ten has another format's extension, one has none."""
+    """Return the file name of a mutant: one in ten has the extension of another format, one in ten has none."""
     if number % 10 == 3:
         return "mesh"
     return f"mesh.{FORMATS[number // 10 % 5] if number % 10 == 7 else file_type}"
@@ -54,7 +54,7 @@ def seeds(file_type: str) -> tuple[bytes, ...]:
 
 
 def glb(layout: dict, binary: bytes = b"") -> bytes:
-    """A glb file of a layout and its binary chunk."""
+    """Return a glb file with a layout (JSON) and a binary chunk."""
     text = json.dumps(layout).encode()
     text += b" " * (-len(text) % 4)
     binary += b"\0" * (-len(binary) % 4)
@@ -65,7 +65,7 @@ def glb(layout: dict, binary: bytes = b"") -> bytes:
 
 
 def triangle_layout(**changes: object) -> tuple[dict, bytes]:
-    """The layout and the data of a glb with two triangles; `changes` replace what is of the same name in it."""
+    """Return the layout and the data of a glb with two triangles; `changes` replace members of the layout."""
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]], "<f4").tobytes()
     corners = np.array([0, 1, 2, 1, 3, 2], "<u2").tobytes()
     layout = {
@@ -312,7 +312,7 @@ def _replace_number(data: bytes, rng: Rng) -> bytes:
 
 
 def _lie_in_header(data: bytes, rng: Rng) -> bytes:
-    """Change one of the first numbers, as text and, where there is one of four bytes, in binary."""
+    """Change one of the first numbers of the file, as text or as a binary integer at a typical place."""
     found = list(NUMBER.finditer(data[:400]))[:6]
     if found and rng.random() < 0.6:
         number = found[int(rng.integers(len(found)))]
@@ -354,7 +354,7 @@ def _swap_words(data: bytes, rng: Rng) -> bytes:
 
 
 def _change_layout(data: bytes, rng: Rng) -> bytes:
-    """Change a value in the JSON of a glb, and make its lengths right again; other files get a number replaced."""
+    """Change a value in the JSON of a glb, and correct its lengths; in other files, replace a number."""
     if not data.startswith(b"glTF") or len(data) < 20:
         return _replace_number(data, rng)
     size = struct.unpack_from("<I", data, 12)[0]

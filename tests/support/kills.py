@@ -1,4 +1,4 @@
-"""Killing workers of a real server at chosen and at random moments, and saying whom it cost what."""
+"""Kills workers of a real server at chosen and random moments, and checks the effect on jobs."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from unbend.mesh.shapes import torus
 from unbend.progress import STAGES
 
 MOMENTS: Final = ("computing", "sending", "taking", "idle")
-"""While it computes, at any stage; in the middle of sending a result; as it takes a job; with nothing to do."""
+"""The moments of a kill: during computation, while sending a result, while receiving a job, and while idle."""
 
 PATIENCE: Final = 60.0
 LARGE: Final = {"samples": 1000}
-"""A result larger than a pipe holds."""
+"""Parameters whose result does not fit into a pipe."""
 
 _WORKERS_PATIENCE: Final = 60.0
 
 
 @dataclass(frozen=True)
 class Sent:
-    """An upload or a query that was acknowledged."""
+    """An acknowledged upload or query."""
 
     kind: str
     job: str
@@ -40,18 +40,18 @@ class Sent:
 
 @dataclass(frozen=True)
 class Kill:
-    """A worker killed, and what came of it."""
+    """The kill of a worker, and its effects."""
 
     moment: str
     jobs: int
     hit: int
-    """Jobs that were begun twice."""
+    """Number of jobs that were started twice."""
     stage: str | None
-    """What the job that was hit had last reported; None where none was hit, or it had not reported."""
+    """The stage that the repeated job had reported last; None without such a job or report."""
     in_a_pipe: bool
-    """Whether the worker was seen to be sending."""
+    """Whether the worker was waiting to write to a full pipe."""
     seconds: float
-    """From the kill until all jobs had ended."""
+    """Time from the kill to the end of all jobs."""
     faults: tuple[str, ...]
 
 
@@ -65,7 +65,7 @@ class WorkerKiller:
         self._number = 0
 
     def kill(self, moment: str) -> Kill:
-        """Kill one worker at a moment of this kind, with jobs beside, and wait until all have ended."""
+        """Kill one worker at this kind of moment, while other jobs run, and wait until all jobs have ended."""
         return getattr(self, f"_{moment}")()
 
     def _computing(self) -> Kill:
@@ -83,7 +83,7 @@ class WorkerKiller:
         jobs = [self._send(40, 30, LARGE) for _ in range(2)] + [self._send(10, 6, SAMPLES) for _ in range(2)]
         self._until(lambda: "embedding" in self._reported().values())
         reported = self._reported()
-        with self._stopped([self._server.process.pid]):  # nobody reads: a result fills the pipe
+        with self._stopped([self._server.process.pid]):  # the server does not read, so a result fills the pipe
             self._until(lambda: self._stay_asleep(workers))
             sending = [pid for pid in workers if writes_to_a_pipe(pid)]
             return self._after(
@@ -95,7 +95,7 @@ class WorkerKiller:
         victim = self._random.choice(workers)
         with self._stopped(workers):
             jobs = [self._send(10, 6, SAMPLES) for _ in range(4)]
-            time.sleep(0.1)  # they are in the pipe
+            time.sleep(0.1)  # so that the jobs are in the pipe
             os.kill(victim, signal.SIGCONT)
             time.sleep(self._random.uniform(0.0, 0.004))
             os.kill(victim, signal.SIGKILL)
@@ -107,7 +107,7 @@ class WorkerKiller:
         return self._after("idle", [self._send(10, 6, SAMPLES) for _ in range(3)], None, most=0)
 
     def _send(self, columns: int, rows: int, parameters: dict[str, int]) -> Sent:
-        """Upload, or ask for, a torus that was not sent before."""
+        """Send a new torus as an upload or a query."""
         self._number += 1
         data = ply(torus(minor=0.2 + 1e-4 * self._number, columns=int(columns), rows=int(rows)))
         kind = "queries" if self._number % 3 == 0 else "shapes"
@@ -121,7 +121,7 @@ class WorkerKiller:
         self, moment: str, jobs: list[Sent], victim: int | None, reported: dict[str, str] | None = None,
         *, most: int = 1, in_a_pipe: bool = False,
     ) -> Kill:  # fmt: skip
-        """Kill, let a stopped server go on, wait, and compare what was with what must be."""
+        """Kill the worker, resume a stopped server, wait for the jobs, and check them."""
         stages = self._reported() if reported is None else reported
         if victim is not None:
             os.kill(victim, signal.SIGKILL)
@@ -132,7 +132,7 @@ class WorkerKiller:
         hit = [job["id"] for job in ended if job["attempts"] > 1]
         faults = [fault for sent, job in zip(jobs, ended, strict=True) for fault in self._faults(sent, job)]
         if len(hit) > most:
-            faults.append(f"{moment}: {len(hit)} jobs were begun twice where one process was killed")
+            faults.append(f"{moment}: {len(hit)} jobs were started twice after one process was killed")
         stage = stages.get(hit[0]) if hit else None
         return Kill(moment, len(jobs), len(hit), stage, in_a_pipe, seconds, tuple(faults))
 
@@ -146,10 +146,10 @@ class WorkerKiller:
         if job["state"] != "succeeded" or job["attempts"] > 2:
             yield f"{sent.kind} job: {job['state']} after {job['attempts']} attempts: {job['error']}"
         elif sent.kind == "shapes" and self._http.get(f"/v1/shapes/{job['shape_id']}/mesh").content != sent.data:
-            yield f"shape {job['shape_id']} is not what was sent"
+            yield f"the file of shape {job['shape_id']} differs from the upload"
 
     def _reported(self) -> dict[str, str]:
-        """The stage that each running job has reported last."""
+        """Return the stage that each running job has reported last."""
         running = self._http.get("/v1/jobs", params={"state": "running"}).raise_for_status().json()["items"]
         return {job["id"]: job["stage"] for job in running}
 
@@ -158,7 +158,7 @@ class WorkerKiller:
         return int(self._random.choice(workers)) if workers else None
 
     def _idle_workers(self) -> list[int]:
-        """All workers, when each has loaded its kernels and waits for a job."""
+        """Wait until all workers have loaded their kernels and are idle; return them."""
         self._until(lambda: len(self._server.workers()) == 2 and self._stay_asleep(self._server.workers()))
         return self._server.workers()
 
@@ -176,7 +176,7 @@ class WorkerKiller:
 
     @contextlib.contextmanager
     def _stopped(self, pids: list[int]) -> Iterator[None]:
-        """Have processes stand still meanwhile."""
+        """Stop processes (SIGSTOP) within this context."""
         for pid in pids:
             os.kill(pid, signal.SIGSTOP)
         try:

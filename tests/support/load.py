@@ -1,4 +1,4 @@
-"""Clients of a real server that remember what they were told, and say where it is not so any more."""
+"""Clients that send random requests to a real server, and check later responses against earlier ones."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from unbend.mesh.shapes import torus
 
 ENDED: Final = {"succeeded", "failed", "cancelled"}
 SIZES: Final = ((10, 6), (12, 8), (14, 10), (18, 14))
-"""Columns and rows of the tori that are sent: 60 to 252 vertices."""
+"""Columns and rows of the tori that clients send, of 60 to 252 vertices."""
 
 MIX: Final = {"upload": 30, "query": 25, "look": 10, "again": 5, "damaged": 5, "change": 10, "remove": 10, "cancel": 5}
-"""How often each call is made, among 100."""
+"""Frequency of each call, in percent."""
 
 _MOST_PENDING: Final = 4
 _SAMPLE: Final = 20
@@ -28,7 +28,7 @@ _SAMPLE: Final = 20
 
 @dataclass(frozen=True)
 class Pending:
-    """A job that was acknowledged, and what it must come to."""
+    """An acknowledged job, and the states in which it may end."""
 
     kind: str
     data: bytes
@@ -37,25 +37,25 @@ class Pending:
 
 @dataclass(frozen=True)
 class Kept:
-    """A shape that was acknowledged: its file, and the labels it may have."""
+    """An acknowledged shape: its file, and its possible labels."""
 
     data: bytes
     labels: frozenset[str | None]
 
 
 class Caller:
-    """A client that uploads, asks, changes, removes and cancels at random, and what it was told.
+    """A client that uploads, queries, changes, removes and cancels at random, and remembers the responses.
 
-    Its meshes are nobody else's. What it asked for and was not answered, because the server was killed, may have
-    been done or not; what it was answered must stay so.
+    No other client sends the same meshes. A request without a response, because the server was killed, may have had
+    its effect or not. An acknowledged effect must persist.
 
     Parameters
     ----------
     number : int
-        Another one for each caller of a run.
+        Number of the caller, unique in a run.
     seed : int
     most_kept : int, optional
-        Shapes that it leaves in the library: beyond, it removes its oldest.
+        Most shapes that the caller keeps in the library; beyond this number, it removes its oldest shape.
     """
 
     def __init__(self, number: int, seed: int, *, mix: dict[str, int] = MIX, most_kept: int | None = None) -> None:
@@ -75,7 +75,7 @@ class Caller:
         self._recent: set[str] = set()
 
     def run(self, url: str, going_on: Callable[[], bool]) -> None:
-        """Call at random while `going_on` says so, or until the server is gone."""
+        """Send random requests while `going_on` returns true, or until the server is gone."""
         with self._http(url) as http, contextlib.suppress(httpx.TransportError):
             while going_on():
                 self._step(http)
@@ -87,7 +87,7 @@ class Caller:
                 self._wait(http)
 
     def check(self, url: str, *, everything: bool = False) -> None:
-        """Compare what is there with what was told: of late, and some of what was told before; or all of it."""
+        """Check all recent acknowledgements and a sample of earlier ones, or everything."""
         with self._http(url) as http:
             for shape_id in [*self._removing]:
                 self._find_out(http, shape_id)
@@ -97,7 +97,7 @@ class Caller:
                 self._expect(http.get(f"/v1/shapes/{shape_id}"), 404)
             for job_id in self._chosen(self.ended, everything):
                 if not _is_still(http.get(f"/v1/jobs/{job_id}").json(), self.ended[job_id]):
-                    self.faults.append(f"job {job_id} had ended, and is another now")
+                    self.faults.append(f"job {job_id} changed after its end")
         self._recent.clear()
 
     # Calls
@@ -119,7 +119,7 @@ class Caller:
         if self._random.random() < 0.5:
             self._send(http, "queries", data, {"succeeded"})
             return
-        self.acknowledged += 1  # the answer comes in place
+        self.acknowledged += 1  # the request waits for the result
         response = self._post(http, "queries", data, headers={"Prefer": "wait=60"})
         self._expect(response, 200)
 
@@ -154,7 +154,7 @@ class Caller:
                 self._removed(shape_id)
 
     def _cancel(self, http: httpx.Client) -> None:
-        for _ in range(_MOST_PENDING):  # the last of some is likely to wait still
+        for _ in range(_MOST_PENDING):  # the last of several jobs is probably still queued
             job_id = self._send(http, "shapes", self._mesh(), {"succeeded"})
         if job_id:
             self._pending[job_id] = Pending("shapes", self._pending[job_id].data, frozenset(ENDED - {"failed"}))
@@ -168,7 +168,7 @@ class Caller:
         else:
             del self._pending[job_id]
 
-    # What was told
+    # Acknowledgements
 
     def _send(
         self, http: httpx.Client, kind: str, data: bytes, ends: set[str], *, name: str = "mesh.ply", **fields: str
@@ -200,7 +200,7 @@ class Caller:
         pending = self._pending.pop(job_id)
         if job["state"] not in pending.ends:
             self.faults.append(
-                f"job {job_id} must come to {'/'.join(pending.ends)}, and {job['state']}: {job['error']}"
+                f"job {job_id} must end as {'/'.join(pending.ends)}, but is {job['state']}: {job['error']}"
             )
         self.ended[job_id] = job
         self._recent.add(job_id)
@@ -215,7 +215,7 @@ class Caller:
         self._recent.add(shape_id)
 
     def _find_out(self, http: httpx.Client, shape_id: str) -> None:
-        """See whether a shape, whose removal was asked for and not answered, is gone."""
+        """Find out whether a shape is gone whose removal was not acknowledged."""
         if http.get(f"/v1/shapes/{shape_id}").status_code == httpx.codes.NOT_FOUND:
             self._removed(shape_id)
         self._removing.discard(shape_id)
@@ -229,7 +229,7 @@ class Caller:
             self.faults.append(f"shape {shape_id} has the label {label} instead of {set(kept.labels)}")
         self.kept[shape_id] = Kept(kept.data, frozenset({label}))
         if http.get(f"/v1/shapes/{shape_id}/mesh").content != kept.data:
-            self.faults.append(f"shape {shape_id} is not what was sent")
+            self.faults.append(f"the file of shape {shape_id} differs from the upload")
 
     def _expect(self, response: httpx.Response, status: int) -> bool:
         if response.status_code != status:
@@ -237,18 +237,18 @@ class Caller:
             self.faults.append(f"{asked}: {response.status_code} instead of {status}: {response.text[:200]}")
         return response.status_code == status
 
-    def _chosen(self, told: dict | set, everything: bool) -> list[str]:
-        names = sorted(told)
+    def _chosen(self, reported: dict | set, everything: bool) -> list[str]:
+        names = sorted(reported)
         if everything or len(names) <= _SAMPLE:
             return names
         some = self._random.choice(names, _SAMPLE, replace=False).tolist()
-        return sorted({*some, *self._recent.intersection(told)})
+        return sorted({*some, *self._recent.intersection(reported)})
 
     def _any(self) -> str | None:
         return str(self._random.choice(list(self.kept))) if self.kept else None
 
     def _mesh(self) -> bytes:
-        """A torus that nobody has sent."""
+        """Return a torus that no caller has sent."""
         self._sent += 1
         columns, rows = SIZES[self._sent % len(SIZES)]
         minor = 0.1 + 0.8 * ((self._sent * 0.6180339887498949 + self._number * 0.1) % 1.0)
@@ -259,7 +259,7 @@ class Caller:
 
 
 def work(callers: Sequence[Caller], url: str, jobs: int) -> None:
-    """Have callers send so many jobs together, at once and at random, and wait until all have ended."""
+    """Have callers send this number of jobs in total, concurrently and at random; wait until all jobs have ended."""
 
     def share(caller: Caller) -> None:
         enough = caller.acknowledged + jobs // len(callers)
@@ -270,7 +270,7 @@ def work(callers: Sequence[Caller], url: str, jobs: int) -> None:
 
 
 def in_threads(functions: Iterable[Callable[[], object]]) -> None:
-    """Run functions side by side until all have ended."""
+    """Run functions in threads, and wait for all of them."""
     threads = [threading.Thread(target=function) for function in functions]
     for thread in threads:
         thread.start()
@@ -279,9 +279,9 @@ def in_threads(functions: Iterable[Callable[[], object]]) -> None:
 
 
 def _is_still(job: dict, then: dict) -> bool:
-    """Whether a job that had ended is as it was.
+    """Tell whether an ended job is unchanged.
 
-    Its answer may have lost shapes, and classes, that were removed; those it has bear the names they have now.
+    Removed shapes and classes may be missing from its result, and the names of shapes may have changed.
     """
     result, before = job.pop("result"), then["result"]
     if job != {name: value for name, value in then.items() if name != "result"}:

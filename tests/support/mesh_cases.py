@@ -1,4 +1,4 @@
-"""Files that other programs write and that were once refused or misread, each with what it should give."""
+"""Files of other programs that earlier versions refused or misread, with their expected results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AREAS = {
     "stl_end_solid_two_words.stl": OCTAHEDRON, "stl_no_endsolid.stl": OCTAHEDRON,
     "stl_noise_last_digit.stl": OCTAHEDRON, "det_ply_panel.stl": OCTAHEDRON, "det_glued": OCTAHEDRON,
 }  # fmt: skip
-TOLD = {
+NOTES = {
     "glb_skinned_node_scaled.glb": "1 mesh with a skin",
     "glb_skinned_body_and_prop.glb": "2 instances of 2 meshes",
     "obj_two_corner_face.obj": "1 face of fewer than three corners skipped",
@@ -35,5 +35,5 @@ REFUSED = {"obj_utf16.obj": "UTF-16"}
 
 
 def surface_area_of(name: str) -> float:
-    """The area of the surface that reading keeps: of a body and a prop the body's."""
+    """Return the area of the component that reading keeps."""
     return OCTAHEDRON if name == "glb_skinned_body_and_prop.glb" else AREAS[name]

@@ -1,4 +1,4 @@
-"""Known answers: exact polyhedral geodesics, and errors against them."""
+"""Reference results: exact polyhedral geodesics, and errors relative to them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from unbend import Surface
 
 
 def exact_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Exact geodesic distances (Mitchell, Mount, Papadimitriou) of a manifold surface, (k, n)."""
+    """Return exact geodesic distances (Mitchell, Mount, Papadimitriou) on a manifold surface, (k, n)."""
     algorithm = exact_geodesics.PyGeodesicAlgorithmExact(surface.vertices, surface.faces)
     return np.array([algorithm.geodesicDistances(np.array([source]))[0] for source in sources])
 
 
 def mean_relative_error(distances: np.ndarray, exact: np.ndarray) -> float:
-    """Mean of |d - exact| / exact over all pairs with a positive exact distance."""
+    """Return the mean of |d - exact| / exact over all pairs with a positive exact distance."""
     known = exact > 0
     return float((np.abs(distances - exact)[known] / exact[known]).mean())
 
 
 def grid(columns: int, rows: int, shear: float = 0.0) -> Surface:
-    """A flat unit-spaced grid of right triangles, sheared: x += shear y."""
+    """Return a flat grid of unit cells, each of two triangles, sheared by x += shear y."""
     x, y = np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0))
     vertices = np.stack([x + shear * y, y, 0 * x], axis=-1).reshape(-1, 3)
     corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
@@ -34,14 +34,14 @@ def grid(columns: int, rows: int, shear: float = 0.0) -> Surface:
 
 
 def edge_path_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Shortest paths along edges, (k, n); inf where there is none."""
+    """Return the lengths of shortest paths along edges, (k, n); inf if there is no path."""
     return steiner_distances(surface, sources, points=0)
 
 
 def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) -> np.ndarray:
-    """Shortest paths over straight lines between points spread along edges, (k, n), on any triangle soup.
+    """Return the lengths of shortest paths over lines between points on edges, (k, n), on any triangle soup.
 
-    An upper bound that comes down to exact distances as points are added; on needles it does so slowly.
+    The lengths are upper bounds, which converge to exact distances with more points, but slowly on needles.
     """
     places = _unit_places(surface)
     sides, faces = _sides_of_faces(surface)
@@ -58,7 +58,7 @@ def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) ->
         first.append(np.repeat(surface.faces[:, corner], points))
         second.append(inner[faces[:, corner]].ravel())
     a, b = np.concatenate(first), np.concatenate(second)
-    # Explicit zeros would be no edges.
+    # A sparse graph treats zeros as missing edges.
     lengths = np.maximum(np.linalg.norm(nodes[a] - nodes[b], axis=1), np.finfo(float).tiny)
     pairs, kept = np.unique(np.minimum(a, b) * len(nodes) + np.maximum(a, b), return_index=True)
     graph = csr_array((lengths[kept], (pairs // len(nodes), pairs % len(nodes))), (len(nodes), len(nodes)))
@@ -67,15 +67,15 @@ def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) ->
 
 
 class TooManyWindowsError(Exception):
-    """Faces without an area let windows multiply beyond what the exact oracle can follow."""
+    """Faces of zero area multiplied the windows beyond the limit of the exact oracle."""
 
 
 def soup_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Exact geodesic distances, (k, n), on any triangle soup: for small ones.
+    """Return exact geodesic distances, (k, n), on any small triangle soup.
 
-    Every vertex looks along straight lines through strips of triangles at all others (the windows of Mitchell, Mount
-    and Papadimitriou, branching where more than two triangles meet at an edge). Windows are left that a path over an
-    end of their edge outruns (Xin & Wang 2009), for which distances along edges are the first bounds.
+    From every vertex, windows (Mitchell, Mount, Papadimitriou) propagate along straight lines through strips of
+    triangles, and branch at edges of more than two triangles. A window is dropped if a path over an end of its edge
+    is shorter (Xin & Wang 2009); distances along edges are the first bounds for this test.
     """
     places = _unit_places(surface)
     sides, of_faces = _sides_of_faces(surface)
@@ -90,7 +90,7 @@ def soup_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
 
 
 def _unit_places(surface: Surface) -> np.ndarray:
-    """Coordinates in units of the extent, and zero where no face uses them."""
+    """Return coordinates in units of the extent, and zero for unused vertices."""
     places = np.zeros(surface.vertices.shape)
     used = surface.used_vertices
     low = surface.vertices[used].min(axis=0)
@@ -107,7 +107,7 @@ def _sides_of_faces(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 @numba.njit(cache=True)
 def _settle(places, faces, of_faces, starts, order, distances, windows):
-    """Lower `distances` until no vertex sees a shorter way to another; false if windows have no room."""
+    """Lower `distances` until no vertex sees a shorter path to another; return false if there are too many windows."""
     pending = np.isfinite(distances)
     for _ in range(50 * len(places)):
         root = -1
@@ -124,10 +124,10 @@ def _settle(places, faces, of_faces, starts, order, distances, windows):
 
 @numba.njit(cache=True)
 def _look_around(places, faces, of_faces, starts, order, distances, windows, root, pending):  # noqa: C901, PLR0912, PLR0915
-    """Unfold all strips of triangles from `root`, and lower the distances of the vertices it sees.
+    """Unfold all strips of triangles from `root`, and lower the distances of vertices visible from it.
 
-    A window: face, corner it lies opposite to, the interval seen of its edge and the source's place in a frame where
-    the edge runs along the x axis from its lower vertex, and the number of triangles behind it.
+    A window has a face, the corner opposite its edge, the visible interval of the edge, the position of the source,
+    and the number of triangles so far. In its frame, the edge is on the x axis and starts at its lower vertex.
     """
     size = seen = 0
     for face in range(len(faces)):
@@ -146,14 +146,14 @@ def _look_around(places, faces, of_faces, starts, order, distances, windows, roo
     while size > 0:
         size -= 1
         seen += 1
-        if seen > 300_000:  # around faces without an area windows multiply
+        if seen > 300_000:  # windows multiply around faces of zero area
             return False
         face, corner, depth = int(windows[size, 0]), int(windows[size, 1]), int(windows[size, 6])
         low, high, x, y = windows[size, 2], windows[size, 3], windows[size, 4], windows[size, 5]
         a, b = _ends(faces, face, corner)
         edge = places[b] - places[a]
         length = np.sqrt((edge**2).sum())
-        y = max(y, 1e-10 * length)  # a triangle without an area: the source is on the edge
+        y = max(y, 1e-10 * length)  # in a triangle of zero area, the source is on the edge
         behind = distances[root]
         if behind + np.hypot(x - high, y) >= distances[a] + high:
             continue
@@ -174,13 +174,13 @@ def _look_around(places, faces, of_faces, starts, order, distances, windows, roo
                 continue
             if size + 2 > len(windows):
                 return False
-            if low < at:  # on to the edge from A to C
+            if low < at:  # continue to the edge from A to C
                 base = np.hypot(cx, cy)
                 if base > 0.0:
                     first, last = _cross(low, x, y, cx, cy), (1.0 if high >= at else _cross(high, x, y, cx, cy))
                     nx, ny = (x * cx - y * cy) / base, (cx * y + cy * x) / base
                     size = _push_turned(windows, size, faces, other, a, c, first, last, base, nx, ny, depth)
-            if high > at:  # from B to C: the same, seen from B
+            if high > at:  # continue to the edge from B to C, in the frame of B
                 base = np.hypot(length - cx, cy)
                 if base > 0.0:
                     bx, px = length - cx, length - x
@@ -205,7 +205,7 @@ def _in_frame(offset, unit):
 
 @numba.njit(cache=True)
 def _cross(at, x, y, cx, cy):
-    """Share of the edge from (0, 0) to (cx, -cy) at which the ray from (x, y) over (at, 0) meets it."""
+    """Return the share of the edge from (0, 0) to (cx, -cy) at which the ray from (x, y) over (at, 0) meets it."""
     below = y * cx - (at - x) * cy
     return min(1.0, max(0.0, at * y / below)) if below > 0.0 else 1.0
 

@@ -1,4 +1,4 @@
-"""Properties of polylines on a surface, and the lengths of locally shortest paths."""
+"""Distances of polylines from a surface, and lengths of locally shortest paths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def length(polyline: np.ndarray) -> float:
 
 
 def distance_to_triangles(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Distances from a point (3,) to triangles (m, 3, 3), which may have no area."""
+    """Return distances from a point (3,) to triangles (m, 3, 3), which may have zero area."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     best = np.minimum(_to_segments(point, a, b), np.minimum(_to_segments(point, b, c), _to_segments(point, c, a)))
     normal = np.cross(b - a, c - a)
@@ -38,7 +38,7 @@ def _to_segments(point: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.nd
 
 
 def distance_from_surface(surface: Surface, polyline: np.ndarray) -> float:
-    """How far, at most, a segment's ends are from the triangle that is nearest to both; 0 if each lies in one."""
+    """Return the largest distance of a segment's ends from their best common triangle; 0 if each segment is in one."""
     corners = surface.vertices[surface.faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
     slack = 1e-9 * np.ptp(surface.vertices[surface.used_vertices], axis=0).max()
@@ -52,14 +52,14 @@ def distance_from_surface(surface: Surface, polyline: np.ndarray) -> float:
 
 
 def path_lengths(mesh: StripMesh, field: np.ndarray, source: int, targets: np.ndarray) -> np.ndarray:
-    """Lengths of locally shortest paths from one vertex to others, found by walks down its distance field.
+    """Return the lengths of locally shortest paths from a vertex to others, found by descent on its distance field.
 
-    A walk only has to choose the correct side of each obstacle, so the lengths are much nearer to the exact distances
-    than the field is, and never below them. The length is inf where the field is. It is the field's own value where
-    no walk arrives, which can happen only behind faces that repeat a vertex.
+    A descent only has to choose the correct side of each obstacle, so the lengths are much more accurate than the
+    field, and never too short. The length is inf where the field is. If a descent does not reach the source, which
+    happens only next to faces that repeat a vertex, the length is the value of the field.
     """
     field, targets = np.array(field), np.asarray(targets, np.int64)
-    order = np.argsort(field[targets], kind="stable")  # nearest first: later walks use the refined field
+    order = np.argsort(field[targets], kind="stable")  # nearest first, so that later descents use the refined field
     lengths = np.empty(len(targets))
     lengths[order] = _refine(
         mesh, field, np.int64(source), targets[order], path_arrays(mesh), path_arrays(mesh), work_arrays(mesh)

@@ -1,4 +1,4 @@
-"""The one shape of all errors over HTTP."""
+"""The format of all errors over HTTP."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TITLES = {
 
 
 def check(response: httpx.Response, status: int, code: str) -> dict:
-    """The problem that a response is, after looking at its shape."""
+    """Check the format of a problem response; return the problem."""
     assert response.status_code == status, response.text
     assert response.headers["content-type"] == "application/problem+json"
     problem = response.json()

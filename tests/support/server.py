@@ -1,4 +1,4 @@
-"""A real server in a process of its own, and small meshes to send to it."""
+"""A real server in its own process, and small meshes to send to it."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def ply(surface: Surface) -> bytes:
 
 
 def small_mesh(number: int) -> bytes:
-    """A torus of 60 vertices, different for each number."""
+    """Return a torus of 60 vertices, different for each number."""
     return ply(torus(minor=0.2 + 0.001 * number, columns=10, rows=6))
 
 
 def two_rings(number: int, **grid: int) -> Surface:
-    """Two separate tori, the smaller of 18 vertices; different for each number."""
+    """Return two separate tori, the smaller of 18 vertices; different for each number."""
     large = torus(minor=0.2 + 0.001 * number, **({"columns": 10, "rows": 6} | grid))
     small = torus(major=0.5, minor=0.1, columns=6, rows=3)
     faces = np.concatenate([large.faces, small.faces + len(large.vertices)])
@@ -50,17 +50,17 @@ def two_rings(number: int, **grid: int) -> Surface:
 
 
 def medium_mesh() -> bytes:
-    """A mesh that takes about a second."""
+    """Return a mesh that takes about a second."""
     return ply(torus(columns=80, rows=60))
 
 
 def slow_mesh() -> bytes:
-    """A mesh of less than a megabyte that takes minutes with 3000 samples or more."""
+    """Return a mesh of less than a megabyte that takes minutes with 3000 samples or more."""
     return ply(torus(columns=180, rows=120))
 
 
 def endless_mesh() -> bytes:
-    """A mesh that takes minutes with 2000 samples."""
+    """Return a mesh that takes minutes with 2000 samples."""
     return ply(torus(columns=400, rows=250))
 
 
@@ -68,7 +68,7 @@ ENDLESS = {"samples": 2000}
 
 
 def children(pid: int, containing: str = "spawn_main") -> list[int]:
-    """The child processes of `pid` whose command line contains a word; the workers by default."""
+    """Return the child processes of `pid` whose command line contains a word; by default the workers."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -82,7 +82,7 @@ def children(pid: int, containing: str = "spawn_main") -> list[int]:
 
 
 def cpu_seconds(pid: int) -> float:
-    """CPU time of a process; 0 if it has ended."""
+    """Return the CPU time of a process, or 0 if the process has ended."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -99,7 +99,7 @@ def is_running(pid: int) -> bool:
 
 
 def without_settings(**settings: str) -> dict[str, str]:
-    """The environment of this process, with only the given UNBEND_ settings."""
+    """Return the environment of this process, with only the given UNBEND_ settings."""
     return {name: value for name, value in os.environ.items() if not name.startswith("UNBEND_")} | settings
 
 
@@ -155,7 +155,7 @@ class Server:
         self.stop()
 
     def http(self) -> httpx.Client:
-        """A client with a new connection for every request, so that no request affects the next."""
+        """Return a client with a new connection for every request, so that no request affects the next."""
         return httpx.Client(base_url=self.url, timeout=90.0, limits=httpx.Limits(max_keepalive_connections=0))
 
     def workers(self) -> list[int]:
@@ -189,7 +189,7 @@ class Server:
         self._wait_for(lambda: httpx.get(f"{self.url}/v1/readyz", timeout=60.0).is_success or None, "become ready")
 
     def _wait_for(self, find: Callable[[], T | None], purpose: str) -> T:
-        """Poll while the server and its workers use CPU time: on a busy machine they need longer, but still proceed."""
+        """Poll while the server and its workers use CPU time, because a busy machine slows them down."""
         begun = progressed = time.monotonic()
         used = 0.0
         while self.process.poll() is None and time.monotonic() - begun < LONGEST_SECONDS:
@@ -209,7 +209,7 @@ def post_mesh(http: httpx.Client, data: bytes, *, file_name: str = "mesh.ply", *
 
 
 def ended(http: httpx.Client, response: httpx.Response) -> dict:
-    """The ended job of an upload."""
+    """Wait for the end of an upload's job, and return the job."""
     assert response.status_code == httpx.codes.ACCEPTED, response.text
     while True:
         job = http.get(response.headers["Location"], params={"wait": 30}).raise_for_status().json()
@@ -218,7 +218,7 @@ def ended(http: httpx.Client, response: httpx.Response) -> dict:
 
 
 def stored(http: httpx.Client, data: bytes, *, file_name: str = "mesh.ply", **fields: str) -> dict:
-    """The record of a mesh after its upload."""
+    """Upload a mesh, wait for its job, and return the record of the shape."""
     response = post_mesh(http, data, file_name=file_name, **fields)
     if response.status_code == httpx.codes.OK:
         return response.json()

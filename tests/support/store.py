@@ -1,4 +1,4 @@
-"""Shapes that are stored without computing them, for tests of the store."""
+"""Shapes stored without computing signatures, for tests of the store."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARAMETERS = Parameters(samples=40)
 
 
 def signature(vector=(0.0, 0.0, 0.0)) -> Signature:
-    """A signature of which only the moments matter."""
+    """Return a signature in which only the moments matter."""
     points, faces = np.zeros((3, 3)), np.array([[0, 1, 2]])
     descriptors = {"moments": np.asarray(vector, float)}
     return Signature(points, faces, np.arange(3), np.full(3, 1 / 3), 1.0, 0.0, 0.0, descriptors, PARAMETERS)
@@ -37,6 +37,6 @@ def add(library: Library, data: bytes, name: str, label=None, metadata=None, vec
 
 
 def in_files(path: Path) -> bytes:
-    """Every byte that SQLite keeps of a database on disk."""
+    """Return all bytes of the files of a SQLite database."""
     found = [Path(f"{path}{ending}") for ending in ("", "-wal", "-shm", "-journal")]
     return b"".join(part.read_bytes() for part in found if part.exists())

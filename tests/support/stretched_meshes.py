@@ -1,4 +1,4 @@
-"""Surfaces of stretched triangles: height maps, and models as CAD programs write them."""
+"""Surfaces of stretched triangles: height maps, and models like those of CAD programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from unbend import Surface
 
 
 def height_map(slope: float, size: int = 25, seed: int = 0) -> Surface:
-    """A smooth height map over the unit square on `size` by `size` vertices; its steepest edge has the given slope."""
+    """Return a smooth height map of `size` by `size` vertices over the unit square; `slope` is the steepest in x."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.linspace(0, 1, size), np.linspace(0, 1, size))
     z = np.zeros_like(x)
@@ -27,7 +27,7 @@ def height_map(slope: float, size: int = 25, seed: int = 0) -> Surface:
 
 @cache
 def cad_models() -> dict[str, Surface]:
-    """Eleven closed models with no more vertices than their corners and rims need: fans, needles, long strips."""
+    """Return eleven closed models with vertices only at corners and rims, and so with fans, needles and long strips."""
     return {
         "box": _prism(np.array([[0, 0], [2, 0], [2, 3], [0, 3.0]]), 4),
         "plate": _prism(np.array([[0, 0], [10, 0], [10, 7], [0, 7.0]]), 0.2),
@@ -49,7 +49,7 @@ def _circle(count: int, radius: float) -> np.ndarray:
 
 
 def _prism(base: np.ndarray, height: float) -> Surface:
-    """A prism over a convex polygon, each end a fan from a corner."""
+    """Return a prism over a convex polygon; each end is a fan around a corner."""
     count = len(base)
     vertices = np.concatenate([np.c_[base, np.zeros(count)], np.c_[base, np.full(count, height)]])
     faces = [[0, i + 1, i] for i in range(1, count - 1)]
@@ -74,7 +74,7 @@ def _ring(count: int, inner: float, outer: float, height: float) -> Surface:
 
 
 def _revolved(profile: list[tuple[float, float]], count: int) -> Surface:
-    """A profile of (radius, height), whose ends lie on the axis, turned around it."""
+    """Return the surface of revolution of a profile of (radius, height), whose ends are on the axis."""
     radius, height = np.array(profile, float).T
     rims = [np.c_[_circle(count, r), np.full(count, z)] for r, z in zip(radius[1:-1], height[1:-1], strict=True)]
     last = 1 + count * len(rims)

@@ -1,4 +1,4 @@
-"""A watchdog: how long a server keeps a probe waiting while it is asked for other things."""
+"""A watchdog that measures how long a server delays a probe while it handles other requests."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ while True:
 
 @dataclass
 class Stalls:
-    """What the watchdog saw: the longest time that a probe took, in seconds, and how many probes were answered."""
+    """The measurements of the watchdog: the longest time of a probe in seconds, and numbers of probes."""
 
     longest: float = 0.0
     answered: int = 0
@@ -35,20 +35,20 @@ class Stalls:
     seen: list[tuple[float, float]] = field(default_factory=list)
 
     def longest_between(self, begin: float, end: float) -> float:
-        """The longest of those that were under way in a stretch of `time.monotonic()`."""
+        """Return the longest time of the probes that were active in an interval of `time.monotonic()`."""
         return max((took for begun, took in self.seen if begun < end and begun + took > begin), default=0.0)
 
 
 @contextmanager
 def watchdog(url: str) -> Iterator[Stalls]:
-    """Ask `/v1/livez` a hundred times a second, from a process of its own; what it saw is there when the block ends."""
+    """Request `/v1/livez` a hundred times a second from another process; the results are complete after the block."""
     stalls = Stalls()
     with subprocess.Popen([sys.executable, "-c", _PROBE, url], stdout=subprocess.PIPE, text=True) as probe:
         assert probe.stdout is not None
         probe.stdout.readline()  # the first includes the connection
         try:
             yield stalls
-            time.sleep(0.3)  # so that a stall that lasts is seen to its end
+            time.sleep(0.3)  # so that a stall at the end is measured completely
         finally:
             time.sleep(0.1)
             probe.terminate()

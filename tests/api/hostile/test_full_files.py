@@ -1,4 +1,4 @@
-"""A library that may not grow any more, while many write to it: a limit on files, for which nobody needs rights."""
+"""A library that cannot grow while clients write to it, by a limit on file sizes, which needs no root rights."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RING = write_mesh(torus(columns=10, rows=6).vertices, torus(columns=10, rows=6).
 
 @dataclass
 class Uploader:
-    """Sends files, small or large, and removes a shape now and then; remembers what was acknowledged."""
+    """Uploads files and remembers acknowledged jobs; an uploader of large files also removes shapes at random."""
 
     number: int
     extra: int
@@ -60,7 +60,7 @@ def limit_files(server: Server, size: int) -> None:
     resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (size, most))
 
 
-def test_nothing_acknowledged_is_lost_and_no_job_is_stuck_where_files_may_not_grow(tmp_path):
+def test_no_acknowledged_job_is_lost_or_stuck_when_the_library_cannot_grow(tmp_path):
     uploaders = [Uploader(number, 0) for number in range(6)] + [Uploader(number, LARGE) for number in range(6, 9)]
     with Server(tmp_path, workers=1) as server, server.http() as http:
         ended(http, post_mesh(http, small_mesh(0), parameters=FEW))
@@ -80,7 +80,7 @@ def test_nothing_acknowledged_is_lost_and_no_job_is_stuck_where_files_may_not_gr
         assert http.get("/v1/capacity").json()["running"] == 0
     answers = sum((uploader.answers for uploader in uploaders), Counter())
     assert answers[202] > 0
-    assert answers[503] + answers[507] > 0  # else nothing was full
+    assert answers[503] + answers[507] > 0  # otherwise the limit was never reached
     assert set(answers) <= {202, 429, 503, 507}
     with closing(sqlite3.connect(server.library)) as connection:
         assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]

@@ -1,4 +1,4 @@
-"""Metadata out of all proportion: refused where it enters, and what an old library holds harms no other shape."""
+"""Oversized metadata: it is refused everywhere, and oversized metadata in an old library affects no other shape."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def shape(server) -> str:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_out_of_bounds_is_refused_alike_wherever_it_enters(server, shape, tmp_path, name):
+def test_oversized_metadata_is_refused_over_http_and_in_the_library(server, shape, tmp_path, name):
     value, said = REFUSED[name]
     with server.http() as http:
         posted = post_mesh(http, small_mesh(2), parameters=FEW, metadata=json.dumps(value))
@@ -63,7 +63,7 @@ def test_what_is_out_of_bounds_is_refused_alike_wherever_it_enters(server, shape
             library.change(kept.id, {"metadata": value})
 
 
-def test_what_is_within_bounds_comes_back_as_it_was(server, shape):
+def test_metadata_within_the_limits_is_returned_unchanged(server, shape):
     with server.http() as http:
         for value in TAKEN:
             assert http.patch(f"/v1/shapes/{shape}", json={"metadata": value}).json()["metadata"] == value
@@ -72,7 +72,7 @@ def test_what_is_within_bounds_comes_back_as_it_was(server, shape):
 
 
 @pytest.mark.parametrize("depth", [300, 5000])
-def test_what_an_earlier_version_stored_takes_no_other_shape_with_it(tmp_path, depth):
+def test_oversized_metadata_of_an_earlier_version_is_dropped_with_a_warning(tmp_path, depth):
     with Library(str(tmp_path / "library.db")) as library:
         ids = [add(library, name.encode(), name, label="a").id for name in ("one", "deep", "two")]
     text = '{"a":' * depth + "1" + "}" * depth

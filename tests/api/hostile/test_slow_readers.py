@@ -1,4 +1,4 @@
-"""Clients that take their answers slowly: the server holds little of them, and gives back what it held."""
+"""Clients that read their responses slowly: the server buffers little for them, and frees the buffers afterwards."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def server(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def large(server) -> str:
-    """A file of 8 megabytes that is computed at once: most of it is a comment."""
+    """The id of a shape whose file has 8 megabytes, mostly a comment, so that it is computed quickly."""
     ring = torus(columns=10, rows=6)
     data = write_mesh(ring.vertices, ring.faces, "off") + b"# " + b"x" * SIZE + b"\n"
     with server.http() as http:
@@ -40,14 +40,14 @@ def large(server) -> str:
 
 
 def resident(server: Server) -> float:
-    """Megabytes."""
+    """Return the resident memory of the server in megabytes."""
     pages = int(Path(f"/proc/{server.process.pid}/statm").read_text().split()[1])
     return pages * 4096 / MEGABYTE
 
 
 @contextlib.contextmanager
 def slow_readers(server: Server, path: str, count: int):
-    """Connections that have asked for something, and take little of it."""
+    """Open connections that request a path and read only the start of the response."""
     address = urlsplit(server.url)
     sockets = []
     try:
@@ -66,18 +66,18 @@ def slow_readers(server: Server, path: str, count: int):
             one.close()
 
 
-def test_a_file_is_held_in_pieces_however_many_read_it_slowly(server, large):
+def test_slow_downloads_do_not_buffer_the_whole_file(server, large):
     before = resident(server)
     with slow_readers(server, f"/v1/shapes/{large}/mesh", 40):
         time.sleep(1.0)
-        assert resident(server) - before < 100.0  # it was 40 times 8
+        assert resident(server) - before < 100.0  # buffering whole files would take 40 times 8 megabytes
     end = time.monotonic() + 60.0
     while resident(server) > 1.2 * before:
         assert time.monotonic() < end, (before, resident(server))
         time.sleep(0.2)
 
 
-def test_a_file_comes_whole_and_in_ranges(server, large):
+def test_a_mesh_file_can_be_downloaded_whole_and_in_ranges(server, large):
     path = f"/v1/shapes/{large}/mesh"
     with server.http() as http:
         whole = http.get(path)
@@ -106,7 +106,7 @@ def test_a_file_comes_whole_and_in_ranges(server, large):
         assert (head.headers["content-length"], head.headers["etag"]) == (str(len(data)), tag)
 
 
-def test_a_file_that_is_removed_while_it_is_sent_is_not_taken_for_whole(server):
+def test_a_download_is_cut_short_when_its_shape_is_removed(server):
     random = np.random.default_rng(0)
     ring = torus(columns=10, rows=6)
     comment = b"# " + random.bytes(SIZE // 2).hex().encode() + b"\n"
@@ -121,7 +121,7 @@ def test_a_file_that_is_removed_while_it_is_sent_is_not_taken_for_whole(server):
         assert taken < len(data)
 
 
-def test_answers_that_wait_to_be_taken_are_bounded(server, large):
+def test_unread_responses_are_limited_in_total_size(server, large):
     path = f"/v1/shapes/{large}/signature?format=json"
     with server.http() as http:
         assert http.get(path).status_code == 200
@@ -139,7 +139,7 @@ def test_answers_that_wait_to_be_taken_are_bounded(server, large):
             time.sleep(0.1)
 
 
-def test_json_is_compressed_for_those_who_take_it(server, large):
+def test_json_is_compressed_when_the_client_accepts_gzip(server, large):
     address = f"{server.url}/v1/shapes/{large}/signature"
     plain = httpx.get(address, headers={"Accept-Encoding": "identity"})
     packed = httpx.get(address, headers={"Accept-Encoding": "br, gzip;q=0.5"})

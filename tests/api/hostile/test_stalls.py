@@ -1,4 +1,4 @@
-"""Small requests that ask for much: none keeps the others waiting."""
+"""Small requests that are expensive to handle: none of them delays other requests."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from tests.support.watchdog import watchdog
 
 FEW = json.dumps(SAMPLES)
 STALL = 0.25
-"""Seconds that any request may keep the others waiting, on two cores that do little else."""
+"""Longest allowed delay of other requests, in seconds, on two idle cores."""
 
 BUSY = 4
-"""A machine that runs other tests meanwhile is given so many times as long. What this is about took 4 to 60 seconds."""
+"""Factor on `STALL`, because other tests may run at the same time. The stalls that this file guards against took 4 to
+60 seconds.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,7 @@ NASTY = {
 
 
 @pytest.mark.parametrize("name", NASTY)
-def test_a_nasty_body_is_refused_and_keeps_nobody_waiting(server, shape, name):
+def test_an_expensive_json_body_is_refused_without_delaying_others(server, shape, name):
     json_type = {"Content-Type": "application/json"}
     with watchdog(server.url) as stalls, server.http() as http:
         for method, path in (("POST", "/v1/queries"), ("PATCH", f"/v1/shapes/{shape}")):
@@ -62,7 +64,7 @@ def test_a_nasty_body_is_refused_and_keeps_nobody_waiting(server, shape, name):
     assert stalls.longest < BUSY * STALL
 
 
-def test_what_is_not_a_file_may_be_some_kilobytes(server, shape):
+def test_a_json_body_is_limited_to_64_kilobytes(server, shape):
     json_type = {"Content-Type": "application/json"}
     with server.http() as http:
         for method, path in (("POST", "/v1/queries"), ("PATCH", f"/v1/shapes/{shape}")):
@@ -72,7 +74,7 @@ def test_what_is_not_a_file_may_be_some_kilobytes(server, shape):
             assert "64 kilobytes" in problem["detail"]
 
 
-def test_a_problem_names_a_few_fields_and_counts_the_rest(server):
+def test_a_problem_lists_ten_fields_and_counts_the_rest(server):
     with server.http() as http:
         problem = check(
             http.post("/v1/queries", json={f"k{number}": 1 for number in range(100)}), 422, "request_invalid"
@@ -92,7 +94,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_a_nasty_form_is_refused_and_keeps_nobody_waiting(server, name):
+def test_an_expensive_form_is_refused_without_delaying_others(server, name):
     with watchdog(server.url) as stalls, server.http() as http:
         response = http.post("/v1/shapes", files={"file": ("mesh.ply", small_mesh(2))}, data=FORMS[name])
         assert response.status_code in {400, 413, 422}, response.text[:200]
@@ -112,7 +114,7 @@ ADDRESSES = [
 
 
 @pytest.mark.parametrize("number", range(len(ADDRESSES)))
-def test_a_nasty_address_keeps_nobody_waiting(server, number):
+def test_an_expensive_url_does_not_delay_others(server, number):
     with watchdog(server.url) as stalls, server.http() as http:
         response = http.get(ADDRESSES[number])
         assert response.status_code in {200, 404, 422, 431}, response.text[:200]
@@ -120,7 +122,7 @@ def test_a_nasty_address_keeps_nobody_waiting(server, number):
     assert stalls.longest < BUSY * STALL
 
 
-def test_unknown_parameters_of_every_call_are_refused(server, shape):
+def test_every_operation_refuses_unknown_query_parameters(server, shape):
     document = httpx.get(f"{server.url}/openapi.json").json()
     with server.http() as http:
         for path, operations in document["paths"].items():

@@ -1,4 +1,4 @@
-"""Writers who wait, and a long history: readers do not wait with them."""
+"""Readers do not wait for blocked writers, and the history of jobs is bounded."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def http(server):
         yield client
 
 
-def test_readers_do_not_wait_for_those_who_write(server, http):
+def test_readers_do_not_wait_for_writers(server, http):
     shape = stored(http, small_mesh(1), parameters=FEW)["id"]
     answers: list[int] = []
 
@@ -40,7 +40,7 @@ def test_readers_do_not_wait_for_those_who_write(server, http):
 
     threads = [threading.Thread(target=change, args=(number,)) for number in range(60)]
     with closing(sqlite3.connect(server.library, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")  # somebody else writes, and takes his time
+        other.execute("BEGIN IMMEDIATE")  # another process holds the write lock for a while
         for thread in threads:
             thread.start()
         time.sleep(1.0)
@@ -59,7 +59,7 @@ def test_readers_do_not_wait_for_those_who_write(server, http):
     assert took < 10.0
 
 
-def test_lists_of_jobs_are_summaries_in_pages(http):
+def test_lists_of_jobs_are_paginated_and_have_no_results(http):
     shape = stored(http, small_mesh(2), parameters=FEW)
     form = {"files": {"file": ("m.ply", small_mesh(3))}, "data": {"parameters": FEW}}
     jobs = [ended(http, http.post("/v1/queries", **form))["id"] for _ in range(3)]
@@ -73,7 +73,7 @@ def test_lists_of_jobs_are_summaries_in_pages(http):
     assert upload["kind"] == "shape"
 
 
-def test_history_is_forgotten_when_asked_and_within_bounds(tmp_path):
+def test_old_jobs_are_deleted_on_request_and_beyond_the_limit(tmp_path):
     with Server(tmp_path, workers=1, job_history=4) as server, server.http() as http:
         jobs = [ended(http, post_mesh(http, small_mesh(number), parameters=FEW)) for number in range(3)]
         check(http.delete("/v1/jobs"), 422, "request_invalid")

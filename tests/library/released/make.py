@@ -1,9 +1,9 @@
-"""Write the dump of a small library, as this version makes it.
+"""Write the dump of a small library of this version.
 
     PYTHONPATH=service python tests/library/released/make.py tests/library/released/000N.sql
 
-It contains shapes, one changed and one removed since; a job in each state, of both kinds; and a live and a revoked key.
-Earlier dumps were written by this script as it was in their versions.
+The library contains two shapes (a third was removed, one was changed), jobs of both kinds in every state, an active key
+and a revoked key. Each earlier dump was written by the version of this script at that time.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ LIMITS = QueueLimits(queued=100)
 
 
 def octahedron(height: float) -> bytes:
-    """An off file of 6 vertices, different for each height."""
+    """Return an off file of an octahedron, different for each height."""
     corners = f"1 0 0\n-1 0 0\n0 1 0\n0 -1 0\n0 0 {height}\n0 0 -1\n"
     return f"OFF\n6 8 0\n{corners}3 0 2 4\n3 2 1 4\n3 1 3 4\n3 3 0 4\n3 2 0 5\n3 1 2 5\n3 3 1 5\n3 0 3 5\n".encode()
 
 
 def described(name: str) -> ShapeRequest:
-    """The description of an upload."""
+    """Return the request of an upload."""
     return ShapeRequest(name, "octahedron", {"täg": [1, None]})
 
 
@@ -57,7 +57,7 @@ def started(library: Library, height: float, request: ShapeRequest | QueryReques
 
 
 def done(future: Future[T | None]) -> T:
-    """The result of a transaction, which must have one."""
+    """Return the result of a transaction, which must not be None."""
     result = future.result()
     assert result is not None
     return result
@@ -85,7 +85,7 @@ def fill(library: Library) -> None:
 
 
 def main() -> None:
-    """Write the dump that the command line names."""
+    """Write the dump to the path given on the command line."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "library.db"
         with Library(str(path)) as library:

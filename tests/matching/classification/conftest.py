@@ -1,4 +1,4 @@
-"""Fixtures of the classifiers' tests: galleries of points under the L1 distance."""
+"""Fixtures for tests of classifiers: galleries of points with the L1 distance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MEASURE = get_vector_measure("moments")
 
 @pytest.fixture(scope="session")
 def ask() -> Callable[..., Classification]:
-    """Classify a point among others; rows left out are at an infinite distance."""
+    """A function that classifies a point in a gallery; rows left out get an infinite distance."""
 
     def of(gallery: Gallery, point: object, classifier: str = "nearest", left_out: object = ()) -> Classification:
         query = np.atleast_1d(np.asarray(point, np.float32))
@@ -29,7 +29,7 @@ def ask() -> Callable[..., Classification]:
 
 @pytest.fixture(scope="session")
 def clouds() -> Callable[..., Gallery]:
-    """Clouds of points, one per class, wider along each further axis."""
+    """A function that makes galleries with one cloud of points per class, wider along each further axis."""
 
     def of(seed: int, classes: int = 3, members: int = 6, dimension: int = 4, unlabelled: int = 0) -> Gallery:
         random = np.random.default_rng(seed)

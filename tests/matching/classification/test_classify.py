@@ -1,4 +1,4 @@
-"""Classification: known results of every classifier, and properties of all of them."""
+"""Classification: known results of each classifier, and properties of all classifiers."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ names = st.sampled_from(list(CLASSIFIERS))
 
 
 def on_a_line(*members):
-    """Make a gallery of (place, label)."""
+    """Return a gallery of points on a line, from pairs (place, label)."""
     return Gallery.of(np.array([[place] for place, _ in members], np.float32), [label for _, label in members])
 
 
-def told(answer):
+def labels_and_distances(answer):
     return [(match.label, pytest.approx(match.distance)) for match in answer.matches]
 
 
 LINE = on_a_line((0, "a"), (1, "a"), (4, "b"), (5, "b"), (6, "b"), (2.4, None))
 
 
-def test_nearest_a_class_is_as_far_as_its_nearest_member(ask):
-    assert told(ask(LINE, 2.4)) == [("a", 1.4), ("b", 1.6)]
-    assert told(ask(LINE, 3.0)) == [("b", 1.0), ("a", 2.0)]
+def test_nearest_uses_the_distance_of_the_nearest_member(ask):
+    assert labels_and_distances(ask(LINE, 2.4)) == [("a", 1.4), ("b", 1.6)]
+    assert labels_and_distances(ask(LINE, 3.0)) == [("b", 1.0), ("a", 2.0)]
 
 
-def test_vote_two_neighbours_outvote_a_nearer_one(ask):
+def test_vote_lets_two_neighbours_outvote_a_nearer_one(ask):
     gallery = on_a_line((-1.0, "a"), (1.2, "b"), (1.3, "b"), (9.0, "c"))
-    assert told(ask(gallery, 0.0, "nearest"))[0] == ("a", 1.0)
-    assert told(ask(gallery, 0.0, "vote")) == [("b", pytest.approx(1.2)), ("a", 1.0), ("c", 9.0)]
+    assert labels_and_distances(ask(gallery, 0.0, "nearest"))[0] == ("a", 1.0)
+    assert labels_and_distances(ask(gallery, 0.0, "vote")) == [("b", pytest.approx(1.2)), ("a", 1.0), ("c", 9.0)]
     far = on_a_line((-1.0, "a"), (2.2, "b"), (2.3, "b"))
-    assert told(ask(far, 0.0, "vote"))[0] == ("a", 1.0)  # 1 / 2.2 + 1 / 2.3 is less than 1
+    assert labels_and_distances(ask(far, 0.0, "vote"))[0] == ("a", 1.0)  # 1 / 2.2 + 1 / 2.3 is less than 1
 
 
-def test_vote_what_is_as_far_as_the_third_votes_too(ask):
+def test_vote_includes_all_neighbours_as_near_as_the_third(ask):
     members = [(-1.0, "a"), (1.9, "c"), (2.0, "b"), (-2.0, "b"), (2.0, "b")]
     for order in (members, members[::-1]):
-        assert told(ask(on_a_line(*order), 0.0, "vote"))[0] == ("b", 2.0)
+        assert labels_and_distances(ask(on_a_line(*order), 0.0, "vote"))[0] == ("b", 2.0)
 
 
-def test_mean_the_distance_is_that_to_the_mean(ask):
-    assert told(ask(LINE, 2.4, "mean")) == [("a", 1.9), ("b", 2.6)]
+def test_mean_uses_the_distance_to_the_mean_of_the_class(ask):
+    assert labels_and_distances(ask(LINE, 2.4, "mean")) == [("a", 1.9), ("b", 2.6)]
 
 
-def test_discriminants_look_where_members_do_not_differ(ask):
-    # members differ along the first axis, classes also along the second
+def test_discriminants_prefer_axes_along_which_members_agree(ask):
+    # Members vary along the first axis; classes also differ along the second axis.
     random = np.random.default_rng(0)
     members = random.normal(size=(120, 2)) * (15.0, 0.1) + np.repeat([(0.0, 0.0), (30.0, 10.0)], 60, axis=0)
     gallery = Gallery.of(members.astype(np.float32), ["low"] * 60 + ["high"] * 60)
@@ -62,7 +62,7 @@ def test_discriminants_look_where_members_do_not_differ(ask):
 
 
 @pytest.mark.parametrize("classifier", CLASSIFIERS)
-def test_one_answer_for_each_class_that_has_members(ask, clouds, classifier):
+def test_there_is_one_match_for_each_class_with_members(ask, clouds, classifier):
     gallery = clouds(1, classes=4, unlabelled=3)
     empty = Gallery(gallery.vectors, np.where(gallery.codes == 2, UNLABELLED, gallery.codes), gallery.labels)
     answer = ask(empty, gallery.vectors[0], classifier)
@@ -73,7 +73,7 @@ def test_one_answer_for_each_class_that_has_members(ask, clouds, classifier):
 
 
 @pytest.mark.parametrize("classifier", ["nearest", "vote", "mean"])
-def test_without_labels_there_are_no_classes_and_one_class_is_sure(ask, classifier):
+def test_no_labels_give_no_matches_and_a_single_class_has_confidence_one(ask, classifier):
     none = ask(on_a_line((0, None), (1, None)), 0.5, classifier)
     assert (none.matches, none.known) == ([], None)
     (only,) = ask(on_a_line((0, "a"), (1, None)), 0.5, classifier).matches
@@ -81,10 +81,10 @@ def test_without_labels_there_are_no_classes_and_one_class_is_sure(ask, classifi
 
 
 @pytest.mark.parametrize("classifier", ["nearest", "vote", "mean"])
-def test_equally_good_classes_come_by_label_and_share_the_confidence(ask, classifier):
+def test_equally_near_classes_are_sorted_by_label_with_equal_confidence(ask, classifier):
     for gallery in (on_a_line((1, "b"), (-1, "a")), on_a_line((-1, "a"), (1, "b"))):
         answer = ask(gallery, 0.0, classifier)
-        assert told(answer) == [("a", 1.0), ("b", 1.0)]
+        assert labels_and_distances(answer) == [("a", 1.0), ("b", 1.0)]
         assert [match.confidence for match in answer.matches] == [0.5, 0.5]
     twins = ask(on_a_line((0, "b"), (0, "a"), (1, "c")), 0.0, classifier)
     assert [match.confidence for match in twins.matches] == pytest.approx([0.5, 0.5, 0.0])
@@ -104,7 +104,7 @@ def test_answers_do_not_depend_on_the_order_of_shapes_or_classes(ask, clouds, se
 
 
 @given(seeds, names, st.integers(1, 4))
-def test_what_is_left_out_is_as_if_it_were_not_there(ask, clouds, seed, classifier, count):
+def test_leaving_rows_out_equals_a_gallery_without_them(ask, clouds, seed, classifier, count):
     gallery = clouds(seed, members=5)
     random = np.random.default_rng(seed)
     gone, query = random.permutation(len(gallery))[:count], random.normal(size=4)
@@ -131,7 +131,7 @@ def test_a_class_whose_last_member_is_left_out_is_not_answered(ask, clouds, clas
     assert {match.label for match in answer.matches} == {gallery.labels[0], gallery.labels[2]}
 
 
-def test_an_unknown_classifier_names_the_known(ask):
+def test_an_unknown_classifier_is_refused_with_the_known_ones(ask):
     with pytest.raises(ParameterError, match="nearest, vote, mean, discriminants, not 'oracle'"):
         get_classifier("oracle")
     with pytest.raises(ParameterError, match="oracle"):
@@ -139,7 +139,7 @@ def test_an_unknown_classifier_names_the_known(ask):
     assert get_classifier(DEFAULT_CLASSIFIER).name == DEFAULT_CLASSIFIER
 
 
-def test_there_is_a_distance_for_every_row():
+def test_distances_must_match_the_rows_of_the_gallery():
     with pytest.raises(ParameterError, match=r"shape \(5,\) for a gallery of 6"):
         classify(LINE, MEASURE, np.zeros(1, np.float32), np.zeros(5))
 
@@ -147,7 +147,7 @@ def test_there_is_a_distance_for_every_row():
 CLASSES, MEMBERS = 7, 5
 
 
-def test_real_shapes_are_told_apart_and_strangers_are_unknown(labelled):
+def test_real_shapes_are_classified_correctly_and_other_classes_are_unknown(labelled):
     from unbend import Parameters, compute_signature, read_mesh
     from unbend.matching.measures import DEFAULT_MEASURE
 

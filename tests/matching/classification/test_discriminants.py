@@ -1,4 +1,4 @@
-"""Linear discriminants, compared with a plain computation that forms the covariances."""
+"""Linear discriminants, compared with a plain computation by covariance matrices."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from unbend.matching.gallery import Gallery, cached_per_gallery
 seeds = st.integers(0, 2**32 - 1)
 
 
-def plainly(gallery, query, left_out=()):
-    """Mahalanobis distances under the covariance shrunk by Chen et al. 2010, eq. 23."""
+def plain_distances(gallery, query, left_out=()):
+    """Return Mahalanobis distances for the covariance shrunk as by Chen et al. 2010, eq. 23."""
     rows = np.setdiff1d(np.flatnonzero(gallery.codes >= 0), left_out)
     vectors, codes = gallery.vectors[rows].astype(float), gallery.codes[rows]
     means = {code: vectors[codes == code].mean(axis=0) for code in np.unique(codes)}
@@ -31,11 +31,13 @@ def plainly(gallery, query, left_out=()):
 
 
 @given(seeds, st.integers(2, 6), st.integers(2, 7), st.integers(2, 9), st.integers(0, 3))
-def test_distances_are_those_of_the_shrunk_covariance(ask, clouds, seed, classes, members, dimension, unlabelled):
+def test_distances_equal_those_of_the_shrunk_covariance(ask, clouds, seed, classes, members, dimension, unlabelled):
     gallery = clouds(seed, classes, members, dimension, unlabelled)
     query = np.random.default_rng(seed).normal(size=dimension).astype(np.float32)
     answer = ask(gallery, query, "discriminants")
-    assert {match.label: match.distance for match in answer.matches} == pytest.approx(plainly(gallery, query), rel=1e-6)
+    assert {match.label: match.distance for match in answer.matches} == pytest.approx(
+        plain_distances(gallery, query), rel=1e-6
+    )
 
 
 @given(seeds, st.integers(1, 5))
@@ -44,17 +46,17 @@ def test_a_stored_query_is_excluded_from_the_model(ask, clouds, seed, count):
     gone = np.random.default_rng(seed).permutation(len(gallery))[:count]
     query = gallery.vectors[gone[0]]
     answer = ask(gallery, query, "discriminants", gone)
-    expected = plainly(gallery, query, gone)
+    expected = plain_distances(gallery, query, gone)
     assert {match.label: match.distance for match in answer.matches} == pytest.approx(expected, rel=1e-6)
 
 
-def test_where_members_are_all_alike_all_axes_are(ask):
+def test_classes_of_equal_members_give_euclidean_distances(ask):
     gallery = Gallery.of(np.array([[0, 0], [0, 0], [3, 4], [3, 4]], np.float32), ["a", "a", "b", "b"])
     answer = ask(gallery, [3.0, 0.0], "discriminants")
     assert [(match.label, match.distance) for match in answer.matches] == [("a", 3.0), ("b", 4.0)]
 
 
-def test_without_the_only_different_member_all_axes_are_alike(ask):
+def test_leaving_out_the_only_different_member_gives_euclidean_distances(ask):
     points = [[0.1, 0.2], [0.1, 0.2], [0.4, 7.3], [3, 4], [3, 4]]
     gallery = Gallery.of(np.array(points, np.float32), ["a", "a", "a", "b", "b"])
     answer = ask(gallery, [3.0, 0.0], "discriminants", [2])
@@ -71,7 +73,7 @@ def test_without_the_only_different_member_all_axes_are_alike(ask):
         ([None, None], [], "0 classes and 0 labelled"),
     ],
 )
-def test_too_few_labels_are_an_error_with_their_counts(ask, labels, left_out, there):
+def test_too_few_labelled_shapes_are_an_error_with_their_counts(ask, labels, left_out, there):
     gallery = Gallery.of(np.arange(2 * len(labels), dtype=np.float32).reshape(-1, 2), labels)
     with pytest.raises(ParameterError, match=f"at least 2 classes and 2 labelled shapes of each.*{there}"):
         ask(gallery, [0.0, 0.0], "discriminants", left_out)

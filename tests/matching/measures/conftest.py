@@ -1,4 +1,4 @@
-"""Signatures made of any points."""
+"""Fixtures that make signatures from given points."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unbend.signature.signature import Signature
 
 @pytest.fixture(scope="session")
 def signature_of() -> Callable[..., Signature]:
-    """A signature with these points, of equal weights by default; the other fields are placeholders."""
+    """A function that makes a signature from points, by default with equal weights; other fields are placeholders."""
 
     def of(points: np.ndarray, weights: np.ndarray | None = None) -> Signature:
         shares = np.ones(len(points)) if weights is None else np.asarray(weights)
@@ -34,7 +34,7 @@ def signature_of() -> Callable[..., Signature]:
 
 @pytest.fixture(scope="session")
 def cloud(signature_of: Callable[..., Signature]) -> Callable[..., Signature]:
-    """A random signature for each seed, skewed along every axis; each axis is shorter than the one before."""
+    """A function that makes a random signature from a seed: skewed along every axis, with decreasing extents."""
 
     def of(seed: int, count: int = 50, axes: int = 3) -> Signature:
         random = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Properties that alignment gives measures: invariance to pose, scale, and the order of samples and arguments."""
+"""Measures that align signatures are invariant to pose, scale, and the order of samples and arguments."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def orthogonal(seed: int, axes: int) -> np.ndarray:
-    """A rotation or, as often, a reflection."""
+    """Return a random rotation or reflection."""
     return np.linalg.qr(np.random.default_rng(seed).normal(size=(axes, axes)))[0]
 
 
 @both
 @given(seed=seeds, counts=st.tuples(st.integers(4, 60), st.integers(4, 60)), axes=st.tuples(*[st.integers(1, 6)] * 2))
-def test_the_order_of_the_two_changes_nothing(measure, cloud, seed, counts, axes):
+def test_the_distance_is_symmetric_and_positive(measure, cloud, seed, counts, axes):
     a, b = (cloud(seed + place, counts[place], axes[place]) for place in range(2))
     assert measure.distance(a, b) == measure.distance(b, a) > 0
 
 
 @both
 @given(seed=seeds, axes=st.integers(1, 6))
-def test_the_order_of_the_samples_changes_nothing(measure, cloud, seed, axes):
+def test_the_order_of_samples_does_not_change_the_distance(measure, cloud, seed, axes):
     a, b = cloud(seed, axes=axes), cloud(seed + 1, 40, axes)
     order = np.random.default_rng(seed).permutation(len(a.points))
     relabelled = replace(a, points=a.points[order], weights=a.weights[order])
@@ -41,7 +41,7 @@ def test_the_order_of_the_samples_changes_nothing(measure, cloud, seed, axes):
 
 @both
 @given(seed=seeds, axes=st.integers(1, 12), scale=st.floats(1e-3, 1e3))
-def test_a_moved_mirrored_scaled_and_relabelled_copy_is_the_same(measure, cloud, seed, axes, scale):
+def test_a_moved_mirrored_scaled_and_reordered_copy_has_distance_zero(measure, cloud, seed, axes, scale):
     a = cloud(seed, axes=axes)
     order = np.random.default_rng(seed).permutation(len(a.points))
     points = scale * (a.points @ orthogonal(seed, axes) + np.arange(axes))
@@ -51,7 +51,7 @@ def test_a_moved_mirrored_scaled_and_relabelled_copy_is_the_same(measure, cloud,
 
 @both
 @pytest.mark.parametrize("axes", [2, 3, 5])
-def test_motions_do_not_change_the_distance_from_others(measure, cloud, axes):
+def test_motions_do_not_change_the_distance_to_other_signatures(measure, cloud, axes):
     for seed in range(20):
         a, b = cloud(seed, axes=axes), cloud(seed + 100, axes=axes)
         moved = replace(a, points=3.0 * a.points @ orthogonal(seed, axes) - 1.0)
@@ -59,7 +59,7 @@ def test_motions_do_not_change_the_distance_from_others(measure, cloud, axes):
 
 
 @both
-def test_copies_in_more_dimensions_are_the_same(measure, cloud):
+def test_a_copy_in_more_dimensions_has_distance_zero(measure, cloud):
     flat = cloud(1, axes=2)
     for axes in (3, 5):
         turned = np.pad(flat.points, ((0, 0), (0, axes - 2))) @ orthogonal(axes, axes)
@@ -68,19 +68,19 @@ def test_copies_in_more_dimensions_are_the_same(measure, cloud):
 
 @both
 @given(seed=seeds, size=st.floats(1e-6, 0.05))
-def test_a_small_change_is_a_small_distance(measure, cloud, seed, size):
+def test_a_small_change_has_a_small_distance(measure, cloud, seed, size):
     a = cloud(seed)
     noise = size * np.random.default_rng(seed).uniform(-1, 1, a.points.shape)
     centred = a.points - a.weights @ a.points
     radius = np.sqrt(a.weights @ (centred**2).sum(axis=1))
-    # each point has its moved copy within the noise, and scaling both to radius 1 at most doubles that
+    # The moved copy of each point is within the noise, and scaling both sets to radius 1 at most doubles this.
     largest = np.sqrt((noise**2).sum(axis=1)).max() / radius
     assert measure.distance(a, replace(a, points=a.points + noise)) <= 2.5 * largest + 1e-7
 
 
 @both
 @pytest.mark.parametrize("axes", [3, 4, 5])
-def test_swapped_axes_of_nearly_equal_moments_are_found(measure, cloud, signature_of, axes):
+def test_alignment_finds_swapped_axes_of_nearly_equal_moments(measure, cloud, signature_of, axes):
     for seed in range(10):
         random = np.random.default_rng(seed)
         raw = random.gamma(2.0, size=(60, axes))
@@ -94,7 +94,7 @@ def test_swapped_axes_of_nearly_equal_moments_are_found(measure, cloud, signatur
 
 
 @both
-def test_a_point_without_area_hardly_counts(measure, cloud):
+def test_a_point_of_tiny_weight_hardly_changes_the_distance(measure, cloud):
     a, b = cloud(1), cloud(2)
     weights = np.append(a.weights, 1e-15)
     outlier = replace(
@@ -105,7 +105,7 @@ def test_a_point_without_area_hardly_counts(measure, cloud):
 
 
 @both
-def test_the_unit_of_the_signature_does_not_matter(measure):
+def test_the_scaling_of_signatures_does_not_change_the_distance(measure):
     flat, ball = sheet(columns=16, rows=8), sphere(subdivisions=2)
     area, box = (
         [compute_signature(surface, Parameters(samples=60, scaling=scaling)) for surface in (flat, ball)]
@@ -116,7 +116,7 @@ def test_the_unit_of_the_signature_does_not_matter(measure):
 
 
 @both
-def test_bent_sheets_are_nearer_to_each_other_than_to_anything_else(measure):
+def test_bent_sheets_are_nearer_to_each_other_than_to_other_shapes(measure):
     members = [sheet(), cylinder(), spiral(), torus(), sphere()]
     flat, *others = map(compute_signature, members)
     distances = [measure.distance(flat, other) for other in others]

@@ -1,4 +1,4 @@
-"""The Hausdorff distance against SciPy's and by hand."""
+"""The Hausdorff distance, compared with SciPy and with closed forms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unbend.matching.measures.pairs import HAUSDORFF, MAX_HAUSDORFF, RIGID
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(3, 6))
-def test_distances_between_aligned_sets_are_scipys(seed, axes):
+def test_distances_between_aligned_sets_equal_scipys(seed, axes):
     random = np.random.default_rng(seed)
     a, b = random.normal(size=(40, axes)), random.normal(size=(60, axes))
     there, back = residuals(np.eye(axes, axes + 1), a, b)
@@ -24,15 +24,15 @@ def test_distances_between_aligned_sets_are_scipys(seed, axes):
     np.testing.assert_allclose(back, cdist(a, b).min(axis=0), rtol=1e-5)
 
 
-def test_two_rectangles_by_hand(signature_of):
+def test_the_hausdorff_distance_of_two_rectangles_is_the_known_chord(signature_of):
     signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
     a, b = (signature_of(signs * [np.cos(angle), np.sin(angle)]) for angle in (0.5, 0.6))
-    # corners on the unit circle: each is as far from its partner as the chord over the difference of their angles
+    # The corners are on the unit circle, and corresponding corners differ by an angle of 0.1.
     assert HAUSDORFF.distance(a, b) == pytest.approx(2 * np.sin(0.05), rel=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_it_is_the_larger_mean_and_below_the_largest_distance(cloud, seed):
+def test_the_hausdorff_distance_is_the_larger_mean_and_below_the_maximal_one(cloud, seed):
     a, b = cloud(seed), cloud(seed + 1)
     poses = [
         [(float(np.average(d, weights=w)), float(d.max())) for d, w in zip(pose.distances, pose.weights, strict=True)]
@@ -41,11 +41,11 @@ def test_it_is_the_larger_mean_and_below_the_largest_distance(cloud, seed):
     assert HAUSDORFF.distance(a, b) == pytest.approx(min(max(mean for mean, _ in pose) for pose in poses), rel=1e-12)
     assert MAX_HAUSDORFF.distance(a, b) == min(max(largest for _, largest in pose) for pose in poses)
     assert HAUSDORFF.distance(a, b) <= MAX_HAUSDORFF.distance(a, b)
-    # a mean is no more than the root mean square, and either direction's square at most twice the mean of both
+    # A mean is at most the root mean square, and the square of one direction is at most twice the mean of both.
     assert HAUSDORFF.distance(a, b) <= np.sqrt(2) * RIGID.distance(a, b) * (1 + 1e-12)
 
 
-def test_the_farthest_point_decides_the_hausdorff_distance_and_hardly_the_modified_one(signature_of):
+def test_an_outlier_dominates_the_maximal_but_not_the_mean_hausdorff_distance(signature_of):
     rng = np.random.default_rng(0)
     points = rng.normal(size=(200, 3)) * [3.0, 2.0, 1.0]
     moved = points.copy()

@@ -1,4 +1,4 @@
-"""Reeb graphs of the mean geodesic distance: known parts, and a matching that does not depend on order."""
+"""Reeb graphs of the mean geodesic distance: known graphs, and a matching that does not depend on order."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unbend.mesh.shapes import bent_tube, figure, sheet, sphere, spiral
 
 
 def counts(vector: np.ndarray) -> list[int]:
-    """The number of parts in 8, 4, 2 and 1 intervals."""
+    """Return the number of parts for 8, 4, 2 and 1 intervals."""
     graph, found = ReebGraph.unpack(vector), []
     for _ in range(LEVELS):
         found.append(len(graph.intervals))
@@ -23,7 +23,7 @@ def counts(vector: np.ndarray) -> list[int]:
 
 
 def chain(lengths: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arms of these lengths that meet in a point: distances, degenerate triangles, and equal weights."""
+    """Return a star of arms of these lengths: distances, degenerate triangles, and equal weights."""
     at = np.concatenate([[0.0], *(np.linspace(0, length, 41)[1:] for length in lengths)])
     arm = np.concatenate([[-1], *(np.full(40, place) for place in range(len(lengths)))])
     distances = np.where((arm[:, None] == arm) & (arm >= 0), np.abs(at[:, None] - at), at[:, None] + at)
@@ -32,9 +32,9 @@ def chain(lengths: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return distances, faces, np.full(len(at), 1 / len(at))
 
 
-def test_a_star_has_a_part_for_each_arm_and_one_in_the_middle():
-    # The mean distance is least where arms of one length meet, and rises along each of them: with n arms of length 1
-    # from 1/2 to 3/2 - 1/n, so that it reaches (1 - 1/n) / (3/2 - 1/n) of the greatest.
+def test_the_graph_of_a_star_has_one_part_in_the_middle_and_parts_for_each_arm():
+    # With n arms of length 1, the mean distance rises along each arm from 1/2 in the middle to 3/2 - 1/n at the end,
+    # so its range is (1 - 1/n) / (3/2 - 1/n) of its maximum.
     for arms in (3, 4, 5):
         graph = reeb_graph(*chain([1.0] * arms))
         top = (1 - 1 / arms) / (3 / 2 - 1 / arms)
@@ -44,10 +44,10 @@ def test_a_star_has_a_part_for_each_arm_and_one_in_the_middle():
         assert graph.areas.sum() == pytest.approx(1)
 
 
-def test_a_line_has_two_ends_and_coarser_graphs_join_parts():
+def test_the_graph_of_a_line_has_two_ends_and_coarser_graphs_join_parts():
     distances, faces, weights = chain([1.0, 1.0])
     graph = reeb_graph(distances, faces, weights)
-    # from 1/2 in the middle to 1 at the ends: the upper half of the intervals is empty, but for the ends themselves
+    # The mean distance is 1/2 in the middle and 1 at the ends, so only the ends reach the upper half of the intervals.
     assert counts(graph.pack())[1:] in ([3, 1, 1], [5, 3, 1])
     coarse, within = graph.coarser()
     np.testing.assert_allclose(np.bincount(within, graph.areas), coarse.areas)
@@ -55,13 +55,13 @@ def test_a_line_has_two_ends_and_coarser_graphs_join_parts():
     assert (coarse.lows[within] <= graph.lows).all()
 
 
-def test_a_sphere_is_one_part_and_a_tube_is_a_line():
+def test_the_graph_of_a_sphere_is_one_part_and_of_a_tube_a_line():
     ball, tube = (compute_signature(surface).descriptors["reeb"] for surface in (sphere(3), bent_tube("helix")))
     assert counts(ball) == [1, 1, 1, 1]
     assert counts(tube)[2:] == [3, 1]
 
 
-def test_packing_loses_nothing():
+def test_unpacking_restores_the_packed_graph():
     graph = reeb_graph(*chain([1.0, 0.7, 0.4]))
     again = ReebGraph.unpack(graph.pack())
     for name in ("intervals", "areas", "lows", "highs", "edges"):
@@ -69,7 +69,7 @@ def test_packing_loses_nothing():
 
 
 @given(st.lists(st.floats(0.2, 1.0), min_size=2, max_size=6), st.integers(0, 2**32 - 1))
-def test_the_order_of_samples_does_not_matter_and_the_distance_is_symmetric(signature_of, lengths, seed):
+def test_the_distance_is_symmetric_and_independent_of_the_order_of_samples(signature_of, lengths, seed):
     distances, faces, weights = chain(lengths)
     order = np.random.default_rng(seed).permutation(len(weights))
     place = np.argsort(order)
@@ -93,7 +93,7 @@ def with_graph(signature_of, graph):
     return signature
 
 
-def test_poses_are_nearer_than_other_shapes():
+def test_poses_of_a_shape_are_nearer_than_other_shapes():
     few = Parameters(samples=200)
     poses = [
         [compute_signature(surface, few) for surface in of]
@@ -109,7 +109,7 @@ def test_poses_are_nearer_than_other_shapes():
     assert within < 0.6 * between
 
 
-def test_the_graph_of_a_signature_is_that_of_its_geodesic_distances():
+def test_the_graph_of_a_signature_equals_that_of_its_geodesic_distances():
     surface = figure("bird", seed=0)
     found = compute_signature(surface, Parameters(samples=80))
     again = reeb_graph(geodesic_matrix(surface, found.samples), found.faces, found.weights)

@@ -1,4 +1,4 @@
-"""Iterative closest points against known motions and a search of every angle."""
+"""Iterative closest points, compared with known motions and with a search over all angles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from unbend.matching.measures.pairs import RIGID
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
-def test_a_known_motion_is_found_from_near_it(seed, mirrored):
+def test_a_known_motion_is_recovered_from_a_near_start(seed, mirrored):
     random = np.random.default_rng(seed)
     points, weights = random.normal(size=(200, 3)), random.uniform(0.1, 1.0, 200)
     points -= points.mean(axis=0)
@@ -44,20 +44,20 @@ def test_each_step_lowers_the_cost(cloud):
     assert costs[-1] < 0.9 * costs[0]
 
 
-def test_two_rectangles_by_hand(signature_of):
+def test_the_rigid_distance_of_two_rectangles_is_the_known_chord(signature_of):
     signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
     a, b = (signature_of(signs * [np.cos(angle), np.sin(angle)]) for angle in (0.5, 0.6))
-    # corners on the unit circle: each is as far from its partner as the chord over the difference of their angles
+    # The corners are on the unit circle, and corresponding corners differ by an angle of 0.1.
     assert RIGID.distance(a, b) == pytest.approx(2 * np.sin(0.05), rel=1e-9)
 
 
-def test_no_pose_in_the_plane_is_much_nearer(cloud):
+def test_the_alignment_in_the_plane_is_near_the_best_pose(cloud):
     for seed in range(10):
         a, b = cloud(seed, 30, 2), cloud(seed + 50, 35, 2)
         assert RIGID.distance(a, b) <= 1.15 * nearest_in_the_plane(a, b)
 
 
-def test_a_part_of_the_same_points_is_laid_where_it_was(cloud):
+def test_a_noisy_subset_is_aligned_nearly_optimally(cloud):
     for seed in range(10):
         random = np.random.default_rng(seed)
         a, some = cloud(seed, 60, 2), random.choice(60, 50, replace=False)
@@ -68,7 +68,7 @@ def test_a_part_of_the_same_points_is_laid_where_it_was(cloud):
 
 
 def nearest_in_the_plane(a, b) -> float:
-    """The least distance that Nelder-Mead finds from the best whole degrees, with and without a reflection."""
+    """Return the least distance that Nelder-Mead finds, started from the best of all whole degrees and reflections."""
     x, y = (at_radius_one(form) for form in (a, b))
 
     def distance(motion: np.ndarray, mirror: float) -> float:

@@ -152,7 +152,8 @@ tube.
 
 The separation is the natural logarithm of the squared distance between the means of two classes over the sum of their
 variances. The vectors are second and absolute third moments along each principal axis, at most
-{2 * max(DIMENSIONS) + 2} numbers (the paper: "less than 15"). Five classes of TOSCA, up to six members each, scaled to area 1.
+{2 * max(DIMENSIONS) + 2} numbers (the paper: "less than 15"). Five classes of TOSCA, with up to six
+members each, are scaled to area 1.
 
 {figure_5()}
 

@@ -30,21 +30,21 @@ QUICK = 24
 POSE = "another pose (itself left out)"
 
 INTRODUCTION = f"""\
-How often the nearest of all shapes is the disturbed one's own original / one of its class, by `{DEFAULT_MEASURE}`; in
-brackets, how many shapes were disturbed, of how many there are. Only the query is disturbed, and only it is smoothed.
-Members of a class of tosca5k and shrec11_simplified are one object in several poses (the humans of tosca5k three
-people): to a measure that bending does not change any of them is as right as the original. Those of shrec07 are
-different objects. Noise is Gaussian, in each coordinate, its standard deviation a share of the bounding box's
-diagonal. A hole is a geodesic disc."""
+The share of disturbed queries whose nearest shape, by `{DEFAULT_MEASURE}`, is their own original / any shape of their
+class. In brackets: the number of disturbed shapes, of all shapes. Only the query is disturbed and smoothed. Each class
+of tosca5k and shrec11_simplified is one object in several poses (the humans of tosca5k are three people), so for a
+bending-invariant measure every member is as right as the original. Classes of shrec07 contain different objects.
+Noise is Gaussian in each coordinate; its standard deviation is given as a share of the bounding box's diagonal. A hole
+is a geodesic disc."""
 
 REASONS = """\
-What is below .95, and why. Where the class is right and *the original* is not, another pose of the same object is
-nearer than what the disturbance left of it: to this measure they are one surface. *Another pose* of shrec07 is another
-object. *Noise* is no bending: where it is as large as the triangles, as 1 % of the diagonal is on meshes of thousands
-of vertices, as it comes, it multiplies the area, and distances do not grow alike; reading says that such a mesh is
-rough. *Smoothing* takes off what is smaller than some triangles: 30 rounds take noise off thousands of vertices, and
-limbs off the 250 of shrec11_simplified, where one is better. *Holes* of 1 % of the faces are as wide as such limbs, and
-ways around them longer."""
+Rates below .95 have these reasons. *Another pose* in shrec07 is another object. If the class is right but *the
+original* is not, the query is nearer to another pose of the same object; for this measure both are one surface. *Noise*
+is no bending. Noise as large as the triangles, such as 1 % of the diagonal on meshes of thousands of vertices,
+multiplies the area and lengthens distances unevenly; reading reports such a mesh as rough. *Smoothing* removes features
+smaller than a few triangles: 30 rounds remove the noise of meshes of thousands of vertices. On shrec11_simplified, with
+250 vertices, they also remove limbs, and one round is better. *Holes* of 1 % of the faces are as wide as such limbs,
+and paths around them are longer."""
 
 
 def main() -> None:
@@ -65,7 +65,10 @@ def _text(step: int) -> str:
     header = ["disturbance", *(f"{dataset} ({count} of {size})" for dataset, (count, size, _) in columns.items())]
     names = [POSE, *(name for name in DISTURBANCES if name != NOTHING)]
     rows = [[name, *(rates[name] for _, _, rates in columns.values())] for name in names]
-    told = f"Meshes that are told to be rough (roughness above {ROUGH}), and the range of their roughness:"
+    told = (
+        f"Meshes that reading reports as rough (roughness above {ROUGH}), of all meshes, and the range of the"
+        " roughness:"
+    )
     return "\n\n".join([INTRODUCTION, table(header, rows), REASONS, told, _roughness_table(step)])
 
 

@@ -29,8 +29,9 @@ def main() -> None:
                          f"{np.median(ratios):.1f}"])  # fmt: skip
     write_section(
         ROOT / "docs" / "benchmarks.md", "samples",
-        "**Samples by analysis**: how many `samples=\"auto\"` takes until the spectrum moves by at most the tolerance,"
-        " and the median time of a signature over that with 300 samples, in turns.\n\n"
+        "**Samples by analysis**: the number of samples that `samples=\"auto\"` chooses so that the spectrum changes by"
+        " at most the tolerance, and the median ratio of the time of a signature to that with 300 samples, in turns."
+        "\n\n"
         + table(["data set", "meshes", "tolerance", "fewest", "median", "most", "times 300"], rows),
     )  # fmt: skip
 

@@ -36,7 +36,7 @@ def acceleration_table(matrices: dict[str, np.ndarray]) -> str:
         )
     return (
         f"**Acceleration**: median evaluations of B(X) X, over {len(matrices)} meshes, from classical scaling in three"
-        " dimensions until the stress is within a share of the least that any of these reached.\n\n"
+        " dimensions until the stress is within a share of the least stress that any search reached.\n\n"
         + table(["search", "1e-3", "1e-4", "1e-6", "reach 1e-6 in 600"], rows)
     )
 
@@ -83,10 +83,10 @@ def minima_table(matrices: dict[str, np.ndarray]) -> str:
             share = np.mean(np.array(above) > ABOVE)
             lines.append([dimensions, name, f"{share:.1%}", f"{max(above):.1%}", f"{time / seconds[0]:.2f}"])
     return (
-        f"**Local minima**: of {len(matrices)} other meshes, those on which least squares ends more than {ABOVE:.1%}"
-        " above the lowest stress known (of both rows and ten random starts of all points); the worst of them; and the"
-        " time beside that of the first row, in one thread. The first row is the embedding before this table: from"
-        " classical scaling, and from FastMap where its stress is lower than what that led to.\n\n"
+        f"**Local minima**: the share of {len(matrices)} other meshes on which least squares ends more than {ABOVE:.1%}"
+        " above the lowest known stress (of both rows and ten random starts of all points); the largest excess; and the"
+        " time over that of the first row, in one thread. The first row is the earlier method: it starts from classical"
+        " scaling, and also from FastMap if that has a lower stress than the result.\n\n"
         + table(["m", "start", "above", "worst", "times the first"], lines)
     )
 
@@ -116,6 +116,6 @@ def dimension_table(matrices: dict[str, np.ndarray]) -> str:
     columns = sorted(sheets | bodies)
     rows = [[name, *(of[column] for column in columns)] for name, of in (("sheets", sheets), ("meshes", bodies))]
     return (
-        "**Effective dimension**: how many of four developable sheets and of the meshes have which. Below 3 are: "
+        "**Effective dimension**: the number of developable sheets and of meshes with each dimension. Below 3 are: "
         + (", ".join(flat) or "none") + ".\n\n" + table(["dimension", *map(str, columns)], rows)
     )  # fmt: skip

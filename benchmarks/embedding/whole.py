@@ -28,8 +28,8 @@ def signature_table() -> str:
     paths = [listed("shrec11_simplified")[0], DATA / "single" / "human_man.obj", DATA / "single" / "bunny_hr.obj"]
     header = ["mesh", "signature, ms", "outside the rows, ms", "share", "potpourri3d heat rows, ms", "times ours"]
     return (
-        f"**A whole signature**, file to descriptors, {SAMPLES} samples, default parameters, warm process, beside the"
-        " time that potpourri3d's prefactored heat method takes for the rows alone.\n\n"
+        f"**A whole signature**, file to descriptors, {SAMPLES} samples, default parameters, warm process, compared"
+        " with the time of potpourri3d's prefactored heat method for the rows alone.\n\n"
         + table(header, [_row(path) for path in paths])
     )
 
@@ -63,8 +63,8 @@ def form_table() -> str:
     paths = [DATA / "tosca5k" / "cat0.off", DATA / "single" / "armadillo.obj", DATA / "single" / "bunny_hr.obj"]
     header = ["mesh", "stress of the samples", "of other vertices", "signature, ms", "whole form beyond it, ms"]
     return (
-        f"**Whole forms**: stress (eq. 2) between {HELD_OUT} random vertices that are not samples, where the form puts"
-        " them, beside that of the samples; and the time of placing all vertices, all threads.\n\n"
+        f"**Whole forms**: stress (eq. 2) of the form between {HELD_OUT} random vertices that are not samples, compared"
+        " with that of the samples; and the time of placing all vertices, all threads.\n\n"
         + table(header, [_form_row(path) for path in paths])
     )
 

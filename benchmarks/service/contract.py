@@ -67,11 +67,11 @@ def text(reports: dict[str, Report], examples: int, steps: int, seed: int, secon
         ["links that led somewhere", *(len(each.followed) for each in reports.values())],
     ]
     phases = ", ".join(PHASES)
-    return f"""schemathesis {importlib.metadata.version("schemathesis")} sent requests, right and wrong ones, made up from the OpenAPI document to a server on loopback, and checked each answer against it, with all of its checks and in all of its phases ({phases}): {examples} examples an operation, {examples} sequences of up to {steps} requests, seed {seed}, {seconds / 60:.0f} minutes. Exceptions, and their reasons, are in `tests/support/schemathesis.toml`.
+    return f"""schemathesis {importlib.metadata.version("schemathesis")} generated valid and invalid requests from the OpenAPI document, sent them to a server on loopback, and checked each response against the document, with all of its checks and in all of its phases ({phases}): {examples} examples an operation, {examples} sequences of up to {steps} requests, seed {seed}, {seconds / 60:.0f} minutes. Exceptions and their reasons are in `tests/support/schemathesis.toml`.
 
 {table(["", *names], rows)}
 
-Requests, in brackets those that were answered 2xx:
+Requests, and in brackets those with a 2xx response:
 
 {table(["operation", *names], by_operation)}
 

@@ -104,9 +104,9 @@ def fill_disk(seconds: float, seed: int) -> Report:
         ["seconds until the server ended", f"{took:.1f}"],
     ]
     text = (
-        f"For {seconds:g} s (seed {seed}) {SMALL} clients uploaded small meshes and {LARGE} meshes of "
-        f"{LARGE_BYTES // 2**20} MB to a server whose library is on a disk of {DISK_MB} MB. Where it was full, the "
-        "latter removed some of theirs.\n\n" + table(["", ""], rows)
+        f"For {seconds:g} s (seed {seed}) {SMALL} clients uploaded small meshes, and {LARGE} clients meshes of "
+        f"{LARGE_BYTES // 2**20} MB, to a server whose library is on a disk of {DISK_MB} MB. When the disk was full, "
+        "the clients with large meshes removed some of their shapes.\n\n" + table(["", ""], rows)
     )
     return Report(text, faults)
 

@@ -78,14 +78,14 @@ def _of_workers(kills: Sequence[Kill], seed: int, faults: int) -> str:
     at = ", ".join(f"{stage} {stages[stage]}" for stage in STAGES if stages[stage])
     seen = sum(kill.in_a_pipe for kill in kills)
     return f"""\
-{len(kills)} times (seed {seed}) one of {WORKERS} workers of a running server was killed (SIGKILL), with several jobs, uploads and queries, in hand
-and waiting. A job that loses its process is begun once more; every other must be begun once, and all must succeed.
+{len(kills)} times (seed {seed}) one of {WORKERS} workers of a running server was killed (SIGKILL) while several uploads and queries were running
+and queued. A job that loses its process must start once more, every other job only once, and all jobs must succeed.
 
 {table(header, rows)}
 
-What the job that was begun twice had reported last: {at}, or nothing yet in {stages[None]} cases. In {seen} cases the
-worker was seen waiting for room in the pipe. Faults (jobs that did not succeed, files that were not as sent, more than
-one job begun twice, or one where the worker had nothing to do): {faults}."""  # noqa: E501
+Last stages that the jobs with two starts had reported: {at}; no stage in {stages[None]} cases. In {seen} cases the
+worker was waiting for space in the pipe. Faults (jobs that did not succeed, files that differed from those sent, more
+than one job with two starts, or any if the worker was idle): {faults}."""  # noqa: E501
 
 
 def kill_servers(count: int, seed: int) -> Report:
@@ -120,10 +120,10 @@ def _of_servers(crashes: Crashes, found: Sequence[Crash], seed: int) -> str:
     ]
     return f"""\
 {len(found)} servers (seed {seed}), one after the other on one library file, were killed (SIGKILL) at a random moment
-while {len(callers)} clients uploaded, asked, changed, removed and cancelled. The next one had to have every shape that
-had been acknowledged, byte for byte, and none whose removal had been; jobs seen ended had to be the same in every
-field, `PRAGMA integrity_check` and `foreign_key_check` to find nothing. After each start what was told of late was
-compared, with a sample of all before, and at the end everything; by then every acknowledged job had to have ended as
-its file deserves.
+while {len(callers)} clients uploaded, queried, changed, removed and cancelled. The next server had to have every
+acknowledged shape, byte for byte, and no shape whose removal was acknowledged. Ended jobs had to be the same in every
+field, and `PRAGMA integrity_check` and `foreign_key_check` had to find nothing. After each start, the latest
+acknowledgements and a sample of earlier ones were checked, and at the end all of them. By then every acknowledged job
+had to have the result that its file requires.
 
 {table(["", ""], rows)}"""

@@ -65,8 +65,8 @@ def work_on(jobs: int, shapes: int, seed: int) -> Report:
     text = _text(parts, callers, seed, len(faults))
     text += f"""
 
-**A shape more.** {shapes} further shapes, with their jobs, made the server's own memory {(after.own - before.own) / shapes:.0f} bytes a shape larger, and
-the library's file {disk / 1024:.0f} kB a shape."""  # noqa: E501
+**One more shape.** {shapes} further shapes, with their jobs, enlarged the server's own memory by {(after.own - before.own) / shapes:.0f} bytes a shape, and
+the library's file by {disk / 1024:.0f} kB a shape."""  # noqa: E501
     return Report(text, faults)
 
 
@@ -96,14 +96,14 @@ def _text(parts: Sequence[Part], callers: Sequence[Caller], seed: int, faults: i
     replaced = len({pid for part in parts for pid in part.workers}) - WORKERS
     ended = [job["state"] for caller in callers for job in caller.ended.values()]
     return f"""\
-{sum(caller.acknowledged for caller in callers):,} jobs (seed {seed}) on small meshes, 60 to 252 vertices, each another one, `samples` {SAMPLES["samples"]}, from {CALLERS} clients: uploads and
+{sum(caller.acknowledged for caller in callers):,} jobs (seed {seed}) on different small meshes, 60 to 252 vertices, `samples` {SAMPLES["samples"]}, from {CALLERS} clients: uploads and
 queries, among them {ended.count("failed")} damaged files and {ended.count("cancelled")} cancelled jobs. The clients remove shapes so that the library stays at
-some {CALLERS * KEPT}. What is held after each tenth, when all its jobs have ended (own: what no other process has):
+some {CALLERS * KEPT}. The table shows resources after each tenth, when all its jobs have ended (own: not shared with another process):
 
 {table(header, rows)}
 
-The server's own memory after the last tenth is {last.own / base.own:.3f} times that after the second. Workers are replaced where a running job is
-cancelled ({replaced} were seen to be). Faults (more than {GROWTH - 1:.0%} of growth or more than {MORE_HANDLES} handles from the second tenth to the last, more
+The server's own memory after the last tenth is {last.own / base.own:.3f} times that after the second. Cancelling a running job replaces
+its worker ({replaced} replacements were seen). Faults (more than {GROWTH - 1:.0%} of growth or more than {MORE_HANDLES} handles from the second tenth to the last, more
 threads, wrong answers): {faults}."""  # noqa: E501
 
 

@@ -64,8 +64,8 @@ def stall(seed: int) -> Report:
     faults += [f"memory: {before:.0f} MB before, {after:.0f} MB a minute after"] * (after > BACK * before)
     told = [[name, f"{took:.3f}", f"{lasted:.1f}"] for name, (took, lasted) in longest.items()]
     text = (
-        f"A server with 2 workers, {SHAPES:,} shapes and {JOBS:,} jobs of history. `/v1/livez` was asked a hundred "
-        "times a second beside each of these.\n\n"
+        f"A server with 2 workers, {SHAPES:,} shapes and {JOBS:,} jobs of history. A probe requested `/v1/livez` "
+        "a hundred times a second during each of these requests.\n\n"
         + table(["asked beside it", "longest answer of the probe, s", "lasted, s"], told)
         + f"\n\nMemory of the server: {before:.0f} MB before, {most:.0f} MB at most, {after:.0f} MB a minute after."
     )

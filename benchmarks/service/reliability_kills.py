@@ -79,13 +79,13 @@ def _of_workers(kills: Sequence[Kill], seed: int, faults: int) -> str:
     seen = sum(kill.in_a_pipe for kill in kills)
     return f"""\
 {len(kills)} times (seed {seed}) one of {WORKERS} workers of a running server was killed (SIGKILL) while several uploads and queries were running
-and queued. A job that loses its process must start once more, every other job only once, and all jobs must succeed.
+and queued. A job that loses its process must begin once more, every other job only once, and all jobs must succeed.
 
 {table(header, rows)}
 
-Last stages that the jobs with two starts had reported: {at}; no stage in {stages[None]} cases. In {seen} cases the
+Last stages that the jobs begun twice had reported: {at}; no stage in {stages[None]} cases. In {seen} cases the
 worker was waiting for space in the pipe. Faults (jobs that did not succeed, files that differed from those sent, more
-than one job with two starts, or any if the worker was idle): {faults}."""  # noqa: E501
+than one job begun twice, or any if the worker was idle): {faults}."""  # noqa: E501
 
 
 def kill_servers(count: int, seed: int) -> Report:

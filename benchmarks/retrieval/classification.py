@@ -195,8 +195,8 @@ def _rules(sets: Sets) -> tuple[str, str]:
         "**Unknown**, other halves: false rejects (unknown, although the class is in the library) / false accepts"
         f" (known, although the class was left out), in % of queries, for {DEFAULT_MEASURE}, by shapes a class. A query"
         " is known if its distance from the nearest member is at most a constant times the largest, mean or median"
-        " distance of members to their nearest other members. The literal rule is the largest distance with a constant of"
-        " 1.00. Each constant has the least sum of both rates on the choosing halves,"
+        " distance of members to their nearest other members. The literal rule is the largest distance with a constant"
+        " of 1.00. Each constant has the least sum of both rates on the choosing halves,"
         f" mean over data sets and libraries of {', '.join(str(size or 'all') for size in OPEN_SIZES)} a class."
         f" In use: {CHOSEN_RULE}."
     )

@@ -1,7 +1,7 @@
 # syntax=docker/dockerfile:1
 
-# The machine code of the numeric kernels is made while the image is built, for any processor of its architecture:
-# the first job does not wait for a compiler, and the image may run elsewhere than it was built.
+# The build compiles the numeric kernels for any processor of its architecture. So the first job does not wait for a
+# compiler, and the image also runs on other machines than the one that built it.
 FROM python:3.12-slim AS base
 ENV PYTHONUNBUFFERED=1 \
     NUMBA_CACHE_DIR=/opt/unbend/kernels \

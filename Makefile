@@ -1,5 +1,5 @@
 # make serve   start the service with a demo library      make test    run all tests
-# make check   lint, types, layers and tests              make bench   list, or run, benchmarks
+# make check   lint, types, layers and tests              make bench   list or run benchmarks
 
 PYTHON ?= python3
 HOST ?= 127.0.0.1
@@ -28,11 +28,11 @@ layers: .venv/test
 
 check: lint types layers test
 
-# NAME=retrieval.measures runs one; without a name the benchmarks are listed.
+# NAME=retrieval.measures runs one benchmark. Without NAME, this lists the benchmarks.
 bench: .venv/bench
 	$(BIN)/python -m benchmarks$(if $(NAME),.$(NAME))
 
-# An hour: processes killed, damaged files, requests made up from the OpenAPI document, each by the thousands.
+# Takes an hour: kills processes, fills a disk (as root), and sends thousands of damaged files and generated requests.
 reliability: .venv/test
 	$(BIN)/python -m benchmarks.service.reliability
 	$(BIN)/python -m benchmarks.service.fuzz
@@ -41,7 +41,7 @@ reliability: .venv/test
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json
 
-# Numba keeps compiled kernels, and does not see a change in a module that a kernel was compiled from.
+# Numba caches compiled kernels. It does not notice changes in other modules that a kernel calls.
 clean-kernels:
 	find service -name '*.nb[ic]' -delete
 
@@ -49,7 +49,7 @@ clean: clean-kernels
 	rm -rf .venv demo.db demo.db-wal demo.db-shm
 
 .venv/python:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=...")'
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unbend needs Python 3.11 or newer: make PYTHON=...")'
 	$(PYTHON) -m venv .venv
 	touch $@
 

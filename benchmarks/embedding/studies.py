@@ -116,6 +116,6 @@ def dimension_table(matrices: dict[str, np.ndarray]) -> str:
     columns = sorted(sheets | bodies)
     rows = [[name, *(of[column] for column in columns)] for name, of in (("sheets", sheets), ("meshes", bodies))]
     return (
-        "**Effective dimension**: how many of four developable sheets and of the meshes have which. Below 3 are: "
+        "**Effective dimension**: the number of developable sheets and of meshes with each dimension. Below 3 are: "
         + (", ".join(flat) or "none") + ".\n\n" + table(["dimension", *map(str, columns)], rows)
     )  # fmt: skip

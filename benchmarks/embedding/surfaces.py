@@ -20,10 +20,10 @@ def surface_table() -> str:
         for dataset, step in STEPS.items()
     ]
     return (
-        "**Signature surfaces**: meshes whose Euler characteristic, boundary loops, non-manifold edges and vertices and"
-        " misoriented edges the triangles between the samples have, too, and mean quality of these triangles (4 root 3"
-        " area over the sum of squared sides, in the signature in three dimensions).\n\n"
-        + table(["data set", *(f"{size} samples" for size in SIZES)], rows)
+        "**Signature surfaces**: the number of meshes whose triangles between samples have the same Euler"
+        " characteristic, boundary loops, non-manifold edges and vertices, and misoriented edges as the mesh; and"
+        " the mean quality of these triangles (4 root 3 area over the sum of squared sides, in the signature in three"
+        " dimensions).\n\n" + table(["data set", *(f"{size} samples" for size in SIZES)], rows)
     )
 
 

@@ -35,8 +35,8 @@ def signature_table() -> str:
         "times ours",
     ]
     return (
-        f"**A whole signature**, file to descriptors, {SAMPLES} samples, default parameters, warm process, beside the"
-        " time that potpourri3d's prefactored heat method takes for the rows alone.\n\n"
+        f"**A whole signature**, file to descriptors, {SAMPLES} samples, default parameters, warm process, compared"
+        " with the time of potpourri3d's prefactored heat method for the rows alone.\n\n"
         + table(header, [_row(path) for path in paths])
     )
 
@@ -76,8 +76,8 @@ def form_table() -> str:
         "canonical form in addition, ms",
     ]
     return (
-        f"**Whole forms**: stress (eq. 2) between {HELD_OUT} random vertices that are not samples, where the form puts"
-        " them, beside that of the samples; and the time of placing all vertices, all threads.\n\n"
+        f"**Whole forms**: stress (eq. 2) of the form between {HELD_OUT} random vertices that are not samples, compared"
+        " with that of the samples; and the time of placing all vertices, all threads.\n\n"
         + table(header, [_form_row(path) for path in paths])
     )
 

@@ -76,8 +76,9 @@ def _circumstances() -> str:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     versions = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
     return (
-        f"Geodesic distances from one vertex to all others, measured in one run on {cores} cores: every method in a"
-        " process of its own, the methods in turns; the median row of a turn and the quickest turn count."
+        f"Geodesic distances from one vertex to all others, measured in one run on {cores} cores. Every method has its"
+        " own process, and the methods take turns. The time of a turn is that of its median row; the quickest turn"
+        " counts."
         f" Versions: {versions}."
     )
 

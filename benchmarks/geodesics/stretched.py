@@ -126,12 +126,12 @@ def report(found: dict[str, list[Measured]]) -> str:
         costs.append([name, f"{steiner.mean():.3f}", ratio(row), ratio(preparation), ratio(memory)])
     above = (
         f"**The intrinsic triangulation**: mean / largest relative error (%) of spherical marching over {SOURCES} "
-        "sources against exact distances, averaged over the meshes of a line; the last column has the worst mesh. The "
-        "heat method runs on an intrinsic Delaunay triangulation as well."
+        "sources against exact distances, averaged over the meshes of a row; the last column has the worst mesh. The "
+        "heat method also runs on an intrinsic Delaunay triangulation."
     )
     below = (
-        "What it costs, over the given triangles, in turns in one run, mean over the meshes; in one thread. Meshes of "
-        f"fewer than {TIMED_VERTICES:,} vertices are not timed."
+        "The costs as ratios to those of the given triangles, measured in turns in one run and one thread; mean over "
+        f"the meshes. Meshes of fewer than {TIMED_VERTICES:,} vertices are not timed."
     )
     first = table(["meshes", GIVEN, INTRINSIC, HEAT, "worst mesh, intrinsic"], errors)
     second = table(["meshes", "Steiner points per vertex", "time of a row", "preparation", "bytes of stencils"], costs)

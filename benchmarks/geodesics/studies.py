@@ -29,7 +29,7 @@ def coarse_table(folder: Folder) -> str:
     header = ["method", "mean", "largest", "mean, the smaller of both directions"]
     return (
         f"**Coarse meshes**: relative error (%) on {len(meshes)} SHREC'11 meshes of {meshes[0].count} vertices, every"
-        " vertex a source, averaged over the meshes. A matrix of ours holds the smaller of both directions.\n\n"
+        " vertex a source, averaged over the meshes. Our matrices contain the smaller of both directions.\n\n"
         + table(header, [_coarse_row(name, of) for name, of in errors.items()])
     )
 
@@ -66,8 +66,8 @@ def sphere_table(folder: Folder, subdivisions: Sequence[int]) -> str:
     rows = [[name, *(_cell(error) for error in of), _order(of)] for name, of in errors.items()]
     return (
         "**Sphere**: mean relative error (%) against great circles on icospheres, by number of vertices, and the order"
-        " of convergence fitted to it (error ~ edge length ^ order). Exact polyhedral distances show what the mesh"
-        " itself errs.\n\n" + table(["method", *(mesh.name for mesh in meshes), "order"], rows)
+        " of convergence fitted to it (error ~ edge length ^ order). Exact polyhedral distances show the error of the"
+        " mesh itself.\n\n" + table(["method", *(mesh.name for mesh in meshes), "order"], rows)
     )
 
 
@@ -101,9 +101,9 @@ def scaling_table(meshes: Iterable[Mesh], small: Mesh) -> str:
     header = ["mesh", "preparation", "one source per call", "8 sources per call", "8 sources per call, all threads"]
     header += ["peak bytes", "peak bytes with the surface"]
     return (
-        f"**Scaling** of {SPHERICAL}, all a vertex: nanoseconds of preparation (stencils) and of a source, in one"
-        " thread unless it says otherwise, and peak memory of a first `geodesic_distances` with one source, which"
-        " builds the stencils: above libraries and the surface, and with the surface.\n\n"
+        f"**Scaling** of {SPHERICAL}, per vertex: nanoseconds of preparation (stencils) and of a source, in one thread"
+        " unless the column says otherwise, and peak memory of a first `geodesic_distances` with one source, which"
+        " builds the stencils: beyond libraries and the surface, and with the surface.\n\n"
         + table(header, [[mesh.name, *_scaling_cells(mesh, small)] for mesh in meshes])
     )
 

@@ -26,9 +26,9 @@ def error_table(results: Results) -> str:
 def time_table(results: Results) -> str:
     header = ["mesh", PLANAR, SPHERICAL, "spherical, one per call", "spherical, all threads", *PEERS]
     return (
-        f"**Time a source** (ms) after preparation, in one thread unless it says otherwise. Ours: {TIMED_SOURCES}"
-        f" sources in one call, or one a call; peers take one a call. In brackets: times the time of {SPHERICAL}"
-        " (third column). What takes over half a second is measured once.\n\n"
+        "**Time a source** (ms) after preparation, in one thread unless the column says otherwise. Ours:"
+        f" {TIMED_SOURCES} sources in one call, or one a call; peers take one a call. In brackets: the ratio to the"
+        f" time of {SPHERICAL} (third column). Methods that take over half a second are measured once.\n\n"
         + table(header, [_time_row(mesh, of) for mesh, of in results.items()])
     )
 
@@ -56,7 +56,7 @@ def cost_table(results: Results) -> str:
         "**Preparation, matrix, memory**: time before the first source (stencils, factorisation, mesh structures);"
         f" time of the symmetric {MATRIX_SIZE} x {MATRIX_SIZE} matrix between farthest point samples, without the"
         " preparation (~: exact methods, one row's time times the number of rows); peak memory of preparing and"
-        " computing the distances from one source, above that of libraries and mesh. Peers are run as they are;"
+        " computing the distances from one source, beyond libraries and mesh. Peers run with their default settings;"
         f" those that used more than one core: {_threaded_peers(results)}.\n\n" + table(header, rows)
     )
 

@@ -68,7 +68,7 @@ STEPS = [
      "`unbend.matching.evaluate.clusters`, measures `surface_moments` and `moments`",
      "`unbend evaluate --separation`", "`GET /map`"),
     ("1, 4", "classify: any trivial classifier will do", "`Library.classify`", "`unbend query`", "`POST /queries`"),
-    ("5", "semilocal signatures around key points; partially occluded surfaces", "not there", "", ""),
+    ("5", "semilocal signatures around key points; partially occluded surfaces", "not implemented", "", ""),
 ]  # fmt: skip
 
 

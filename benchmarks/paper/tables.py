@@ -82,15 +82,15 @@ def agreement() -> str:
     theirs = papers[[case[1] == "least_squares" for case in cases], 2]
     return f"""\
 - At m = 3 least squares leaves {_range(straight[:, 2])}; the paper's {_range(theirs)}. For m from 3 on all
-  methods are within a factor of {factors[:, 2:].max():.1f} of the paper's figures. At m = 2 the factor is up to
-  {factors[:, 1].max():.0f}, ours being the lower ones; that the meshes are others may be part of it.
-- Least squares is the lowest, at all m, in {best} of {2 * len(STAND_INS)} comparisons with another method, as in the
-  paper. FastMap is the highest at m = 3 on {worst} of {len(STAND_INS)} shapes, in the paper on all.
-- Beyond three dimensions least squares gains at most {gain:.4f} (the paper: "less than 1 percent").
-- The paper says that stress falls with m for all methods. Not for classical scaling: on {rising} of {len(STAND_INS)}
-  shapes it is higher at m = 5 than at m = 3. Classical scaling does not minimise stress, and geodesic distances are not
-  Euclidean: axes beyond those that matter lengthen distances that are long enough. In the paper's own table the
-  elephant's rises too, from m = 4 to 5."""
+  methods are within a factor of {factors[:, 2:].max():.1f} of the paper's values. At m = 2 the factor is up to
+  {factors[:, 1].max():.0f}, and ours are lower; the different meshes may be one reason.
+- Least squares has the lowest stress at all m in {best} of {2 * len(STAND_INS)} comparisons with another method, as in
+  the paper. FastMap has the highest stress at m = 3 on {worst} of {len(STAND_INS)} shapes, in the paper on all.
+- Beyond three dimensions, the stress of least squares falls by at most {gain:.4f} (the paper: "less than 1 percent").
+- The paper says that stress falls with m for all methods. This does not hold for classical scaling: on {rising} of
+  {len(STAND_INS)} shapes its stress is higher at m = 5 than at m = 3. Classical scaling does not minimise stress, and
+  geodesic distances are not Euclidean, so further axes lengthen distances that are long enough already. In the paper's
+  own table the stress of the elephant also rises, from m = 4 to 5."""
 
 
 def sizes() -> str:

@@ -212,8 +212,9 @@ def main() -> None:
         ],
     ]
     text = f"{len(candidates())} combinations of kernels for `spectrum`:\n\n{table(header, rows)}\n\n"
-    text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights beside it for `combined`:\n\n{table(header, more)}"
-    text += f"\n\n{len(BLURS) * len(DROPPED)} ways to take `moments`:\n\n{table(header, last)}"
+    text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights of moments and distribution for `combined`:\n\n"
+    text += table(header, more)
+    text += f"\n\n{len(BLURS) * len(DROPPED)} variants of `moments`:\n\n{table(header, last)}"
     write_section(ROOT / "docs" / "benchmarks.md", "retrieval-choice", text)
 
 

@@ -88,8 +88,8 @@ def _accuracies(shapes: Shapes) -> tuple[str, str]:
         for name in CLASSIFIERS
     ]
     text = (
-        f"**Accuracy** (%), {shapes.title}, {TRAINED} shapes a class stored, the others asked, mean of {SPLITS} random"
-        f" splits. The default is {DEFAULT_CLASSIFIER} with {DEFAULT_MEASURE}."
+        f"**Accuracy** (%), {shapes.title}, {TRAINED} stored shapes a class, the others as queries, mean of {SPLITS}"
+        f" random splits. The default is {DEFAULT_CLASSIFIER} with {DEFAULT_MEASURE}."
     )
     return text, table(["measure", "classifier", "all queries", "choosing half", "other half"], rows)
 
@@ -147,9 +147,9 @@ def _calibrations(sets: Sets) -> tuple[str, str]:
                     figures = right.mean(), best.mean(), _error(best, right), _by_chance(best), log_loss(own)
                     rows.append([measure, name, shapes.title, size or "all", *(f"{figure:.3f}" for figure in figures)])
     text = (
-        "**Confidence**, other halves: share of right answers, mean confidence in them, expected calibration error"
-        " (ten bins of equal width) beside what a perfectly calibrated confidence would show by chance on as many"
-        " queries, and log loss."
+        "**Confidence**, other halves: share of right answers, mean confidence in the answers, expected calibration"
+        " error (ten bins of equal width), the error that a perfectly calibrated confidence would have by chance on as"
+        " many queries, and log loss."
     )
     header = [
         "measure",
@@ -203,11 +203,11 @@ def _rules(sets: Sets) -> tuple[str, str]:
             chose = summed(sets, DEFAULT_MEASURE, rule, constant)
             rows.append([rule, f"{constant:.2f}", f"{chose:.3f}", *_refused(sets, DEFAULT_MEASURE, rule, constant)])
     text = (
-        "**Unknown**, other halves: false rejects (queries whose class is in the library that are called unknown) /"
-        " false accepts (queries whose class was left out that are called known), %, of"
-        f" {DEFAULT_MEASURE}, by shapes a class. A query is known if it is no farther from the nearest member than a"
-        " constant times the largest, mean or median distance of members to their nearest others. With a constant of"
-        " 1.00 the largest is the literal rule. Constants have the least sum of both rates on the choosing halves,"
+        "**Unknown**, other halves: false rejects (unknown, although the class is in the library) / false accepts"
+        f" (known, although the class was left out), in % of queries, for {DEFAULT_MEASURE}, by shapes a class. A query"
+        " is known if its distance from the nearest member is at most a constant times the largest, mean or median"
+        " distance of members to their nearest other members. The literal rule is the largest distance with a constant"
+        " of 1.00. Each constant has the least sum of both rates on the choosing halves,"
         f" mean over data sets and libraries of {', '.join(str(size or 'all') for size in OPEN_SIZES)} a class."
         f" In use: {CHOSEN_RULE}."
     )

@@ -20,7 +20,7 @@ def tables(dimension: int) -> tuple[str, str]:
     rows = [[name, *(f"{1e3 * seconds:.2f}" for costs in measured for seconds in costs[name])] for name in CLASSIFIERS]
     text = (
         f"**Cost** of `classify` beyond the distances, ms: random vectors of {dimension} numbers in classes of"
-        f" {MEMBERS}. The first query learns what the classifier keeps with the library; stored: a query that is"
+        f" {MEMBERS}. The first query computes what the classifier caches for the library; stored: a query that is"
         " itself in the library."
     )
     header = ["classifier", *(f"{size:,}: {which}" for size in SIZES for which in ("first", "next", "stored"))]

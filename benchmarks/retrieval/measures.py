@@ -59,14 +59,14 @@ def main() -> None:
         "Leave-one-out over all shapes of a data set, default parameters.",
         table(["data set", "measure", *FIGURES], [row for name in DATASETS for row in _rows(name, signatures[name])]),
         (
-            "TOSCA's three persons are one class above. Here each person is a class, of TOSCA and"
-            " of FAUST, whose shapes are persons in several poses:"
+            "Above, TOSCA's three persons are one class. Here each person of TOSCA and of FAUST is a class. All shapes"
+            " of FAUST are persons in several poses:"
         ),
         table(["data set", "measure", *FIGURES], [row for name in PERSONS for row in _by_person(name)]),
         (
-            "Published rows are of the SHREC'11 track of non-rigid shapes (Lian et al. 2011, \"SHREC'11 Track: Shape"
-            ' Retrieval on Non-rigid 3D Watertight Meshes"), as our notes quote them; we have not compared them'
-            " with its report."
+            "Published rows come from the SHREC'11 track of non-rigid shapes (Lian et al. 2011, \"SHREC'11 Track: Shape"
+            ' Retrieval on Non-rigid 3D Watertight Meshes"), as our notes quote them; we have not checked them'
+            " against its report."
         ),
         "Queries from the half of the classes that chose nothing (every second class by name), among all shapes:",
         table(["data set", "measure", *FIGURES], [_untouched(name, signatures[name]) for name in DATASETS]),

@@ -129,16 +129,16 @@ def list_rows(shapes: Shapes, paired: dict[str, Floats], changes: list[tuple[str
 
 def alone_text(rows: list[list[object]]) -> str:
     return (
-        "NN / FT / mAP of queries from the classes A and B, every other one by name, among all shapes. On A were chosen"
-        " the modified Hausdorff distance, instead of the true one, and the length of the short list.\n\n"
-        "**Alone**, every pair compared:\n\n" + table(["data set", "measure", "A", "B"], rows)
+        "NN / FT / mAP of queries from the two halves of the classes, A and B (every second one, by name), among all"
+        " shapes. A was used to choose the modified Hausdorff distance instead of the true one, and the length of the"
+        " short list.\n\n**Alone**: every pair is compared:\n\n" + table(["data set", "measure", "A", "B"], rows)
     )
 
 
 def list_text(rows: list[list[object]]) -> str:
     return (
-        f"**Short lists**: the nearest by {DEFAULT_MEASURE}, put in the order of a pair measure, or of the product of"
-        " both distances (x first).\n\n" + table(["data set", "length", "order", "A", "B"], rows)
+        f"**Short lists**: the nearest shapes by {DEFAULT_MEASURE}, sorted by a pair measure, or by the product of both"
+        " distances (x first).\n\n" + table(["data set", "length", "order", "A", "B"], rows)
     )
 
 

@@ -117,9 +117,9 @@ def main() -> None:
 
     rows = [[way, seams, *(right(way, kind, seams) for kind in FORMATS)] for way in WRITTEN for seams in SEAMS]
     parts = [
-        f"Right classes of {len(asked)} shapes of shrec11_simplified, by how files split vertices, and by `seams`.",
+        f"Correct classes of {len(asked)} shapes of shrec11_simplified, by how files split vertices and by `seams`.",
         table(["written", "`seams`", *FORMATS], rows),
-        "Seconds for a torus of a million faces: to read it as ply without joining seams, and to join them.",
+        "Seconds to read a torus of a million faces as ply without joining seams, and to join them.",
         table(["written", "reading", "joining"], [_seconds(way) for way in ("indexed", "flat-shaded")]),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "seams", "\n\n".join(parts))

@@ -224,11 +224,11 @@ def report(run: Run, seconds: float, seed: int, faults: list[str]) -> str:
     peak = run.peak
     summary = (
         f"{total:,} damaged files (seed {seed}) in {seconds:,.0f} s, {total / seconds:.0f} a second, sent to a server "
-        f"with {WORKERS} workers that may take {SECONDS} s and {MEMORY_MB:,} MB for a job. Most memory: the server "
+        f"with {WORKERS} workers and limits of {SECONDS} s and {MEMORY_MB:,} MB a job. Peak memory: the server "
         f"{peak.server / 2**20:.0f} MB, a worker {peak.worker / 2**20:.0f} MB."
     )
     verdict = "\n".join(f"- {fault}" for fault in faults[:20]) or (
-        "Every file was answered, each refusal and failure with one of the codes below and a sentence; no worker died "
+        "Every file got a response, and each refusal and failure one of the codes below and a message. No worker died "
         "or was stopped, the log has no error, and the library's integrity check says ok."
     )
     return f"{summary}\n\n{verdict}\n\n{table(header, rows)}"

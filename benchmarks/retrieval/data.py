@@ -38,7 +38,7 @@ def signatures_of(paths: Sequence[Path], parameters: Parameters) -> list[Signatu
     for outcome in compute_paths(paths, parameters):
         if isinstance(outcome, UnbendError):
             raise outcome
-        found.append(outcome)
+        found.append(outcome.signature)
     return found
 
 

@@ -16,16 +16,18 @@ if TYPE_CHECKING:
     from unbend.arrays import Floats
     from unbend.embedding.embed import Method
     from unbend.mesh.surface import Surface
+    from unbend.render.request import PictureRequest
     from unbend.signature.signature import Signature
 
 
 @dataclass(frozen=True)
 class Computed:
-    """A file, its class, and its signature or its error."""
+    """A file, its class, and its signature or its error; also its picture, if one was asked for."""
 
     file: LabelledFile
     signature: Signature | None
     error: str = ""
+    picture: bytes | None = None
 
 
 def read_file(mesh: Path, policy: Values) -> Surface:
@@ -51,9 +53,14 @@ def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
     return found.signature
 
 
-def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> list[Computed]:
-    """Return the signatures of `files` in their order. Errors are printed, and other files are still computed."""
-    with progress(_computed(files, parameters, policy), "computing signatures", len(files)) as bar:
+def compute_files(
+    files: Sequence[LabelledFile], parameters: Values, policy: Values, picture: PictureRequest | None = None
+) -> list[Computed]:
+    """Return the signatures and the requested pictures of `files` in their order.
+
+    Errors are printed, and other files are still computed.
+    """
+    with progress(_computed(files, parameters, policy, picture), "computing signatures", len(files)) as bar:
         results = list(bar)
     for result in results:
         if result.signature is None:
@@ -63,17 +70,19 @@ def compute_files(files: Sequence[LabelledFile], parameters: Values, policy: Val
     return results
 
 
-def _computed(files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[Computed]:
+def _computed(
+    files: Sequence[LabelledFile], parameters: Values, policy: Values, picture: PictureRequest | None
+) -> Iterator[Computed]:
     from unbend.jobs.batch import compute_paths  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
     paths = [file.path for file in files]
-    outcomes = compute_paths(paths, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy))
+    outcomes = compute_paths(paths, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy), picture=picture)
     for file, outcome in zip(files, outcomes, strict=True):
         if isinstance(outcome, UnbendError):
             yield Computed(file, None, str(outcome))
         else:
-            yield Computed(file, outcome)
+            yield Computed(file, outcome.signature, picture=outcome.picture)
 
 
 def dimensions_of(

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from unbend.cli.folder import LabelledFile
     from unbend.matching.evaluate import Clusters, Evaluation, Separation
     from unbend.matching.measures import VectorMeasure
+    from unbend.render.request import PictureRequest
 
 _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
 _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
@@ -39,7 +40,7 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
     is_flag=True,
     help="Add the separation of classes in each measure, and in 1 to 6 dimensions; computes each shape again.",
 )
-@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots, as one HTML file.")
+@click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots and pictures, as one HTML file.")
 @parameter_options
 @policy_options
 def evaluate(
@@ -70,7 +71,7 @@ def evaluate(
         raise ParameterError(f"{html}: there is no folder {html.parent}")
     queries = _with_class(read_labels(labels, folder), labels)
     others = _with_class(read_labels(gallery, folder), gallery) if gallery else []
-    computed = compute_files(queries + others, parameters, policy)
+    computed = compute_files(queries + others, parameters, policy, _picture() if html else None)
     found = computed[: len(queries)]
     compared = computed[len(queries) :] if gallery else None
     evaluations = {measure.name: _evaluation(measure, found, compared) for measure in chosen}
@@ -172,28 +173,40 @@ def _page(
     settings: Values,
 ) -> str:
     from unbend import __version__  # noqa: PLC0415
-    from unbend.matching.evaluate.report import Report, render  # noqa: PLC0415
+    from unbend.matching.evaluate.report import Report, ShapePicture, render  # noqa: PLC0415
 
     def names(some: Sequence[Computed]) -> list[str]:
         return [_name(item.file, folder) for item in some if item.signature]
 
     queries, gallery = computed
-
+    shapes = [*queries, *(gallery or ())]
     report = Report(
         title=f"Evaluation of {folder.resolve().name}",
         evaluations=evaluations,
         queries=names(queries),
         gallery=names(queries if gallery is None else gallery),
         left_out=gallery is None,
-        failures=[(_name(item.file, folder), item.error) for item in [*queries, *(gallery or ())] if item.error],
+        failures=[(_name(item.file, folder), item.error) for item in shapes if item.error],
         settings=settings,
         version=__version__,
         date=datetime.now(UTC).date(),
         maps=maps,
         clusters=separations[0] if separations else {},
         separation=separations[1] if separations else None,
+        pictures=[
+            ShapePicture(_name(item.file, folder), str(item.file.label), item.picture)
+            for item in shapes
+            if item.picture
+        ],
     )
     return render(report)
+
+
+def _picture() -> PictureRequest:
+    """Return the request for the pictures of a report."""
+    from unbend.render.request import PictureRequest  # noqa: PLC0415
+
+    return PictureRequest(width=128, height=128, format="webp", theme="transparent")
 
 
 def _settings(parameters: Values, policy: Values) -> Values:

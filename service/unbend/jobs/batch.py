@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
@@ -16,6 +17,8 @@ from unbend.jobs.limits import limit_process
 from unbend.jobs.process import WorkerProcess
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
+from unbend.render.picture import render_picture
+from unbend.render.request import PictureRequest
 from unbend.signature.dimensions import moments_over_dimensions
 from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Parameters
@@ -25,9 +28,21 @@ from unbend.threads import available_cores
 T = TypeVar("T")
 
 
-def compute_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> Signature:
-    """Return the signature of the mesh at `path`."""
-    return signature_of_file(path, parameters, policy, threads=1).signature
+@dataclass(frozen=True)
+class PathResult:
+    """The results for one file."""
+
+    signature: Signature
+    picture: bytes | None
+    """A picture of the surface; None if none was asked for."""
+
+
+def compute_path(
+    path: Path, parameters: Parameters, policy: MeshPolicy | None, picture: PictureRequest | None = None
+) -> PathResult:
+    """Return the signature of the mesh at `path`, and the requested picture of its surface."""
+    found = signature_of_file(path, parameters, policy, threads=1)
+    return PathResult(found.signature, render_picture(picture, found.surface, threads=1) if picture else None)
 
 
 def dimensions_of_path(path: Path, parameters: Parameters, policy: MeshPolicy | None) -> dict[Method, Floats]:
@@ -36,10 +51,14 @@ def dimensions_of_path(path: Path, parameters: Parameters, policy: MeshPolicy | 
 
 
 def compute_paths(
-    paths: Sequence[Path], parameters: Parameters, policy: MeshPolicy | None = None
-) -> Iterator[Signature | UnbendError]:
-    """Yield the signature of each path, or its error, in the order of the paths."""
-    return compute_each(compute_path, paths, parameters, policy)
+    paths: Sequence[Path],
+    parameters: Parameters,
+    policy: MeshPolicy | None = None,
+    *,
+    picture: PictureRequest | None = None,
+) -> Iterator[PathResult | UnbendError]:
+    """Yield the signature and the requested picture of each path, or its error, in the order of the paths."""
+    return compute_each(partial(compute_path, picture=picture), paths, parameters, policy)
 
 
 def compute_each(

@@ -1,5 +1,6 @@
 """The report of an evaluation: a single HTML page."""
 
 from unbend.matching.evaluate.report.page import Report, render
+from unbend.matching.evaluate.report.pictures import ShapePicture
 
-__all__ = ["Report", "render"]
+__all__ = ["Report", "ShapePicture", "render"]

@@ -19,6 +19,7 @@ from unbend.matching.evaluate.report.charts import (
     precision_recall_chart,
     separation_chart,
 )
+from unbend.matching.evaluate.report.pictures import ShapePicture, select_pictures
 from unbend.matching.evaluate.separation import Clusters, Separation
 
 _METRIC_NAMES: Final = {"nn": "NN", "ft": "FT", "st": "ST", "e": "E", "dcg": "DCG", "map": "mAP"}
@@ -68,6 +69,8 @@ class Report:
     """The separation of classes under some of the measures."""
     separation: Separation | None = None
     """The separation of classes over the number of dimensions; None if it was not computed."""
+    pictures: Sequence[ShapePicture] = ()
+    """Pictures of shapes. The page shows a selection of them."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +100,15 @@ def render(report: Report) -> str:
     """Return the page as one HTML document that loads nothing else and runs no script."""
     curves = {name: evaluation.precision_recall for name, evaluation in report.evaluations.items()}
     separation = report.separation
+    measures = [_view(name, evaluation, report) for name, evaluation in report.evaluations.items()]
+    wrong = [[name for answer in view.wrong for name in (answer.query, answer.nearest)] for view in measures]
     return _TEMPLATES.get_template("page.html.jinja").render(
         report=report,
         plot=precision_recall_chart(curves),
         maps=[_class_map(name, points, report) for name, points in report.maps.items()],
         separation=separation_chart(separation.medians) if separation and separation.pairs else None,
-        measures=[_view(name, evaluation, report) for name, evaluation in report.evaluations.items()],
+        measures=measures,
+        pictures=select_pictures(report.pictures, wrong),
         first=next(iter(report.evaluations.values())),
         metric_names=_METRIC_NAMES,
         explanations=_EXPLANATIONS,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 from dataclasses import asdict
@@ -12,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.support.commands import failed_with_a_sentence, in_process, succeeded, unbend
 from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
@@ -19,6 +23,8 @@ from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_sig
 from unbend.matching.evaluate import evaluate
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
+from unbend.render.picture import render_picture
+from unbend.render.request import PictureRequest
 
 COMMANDS = {
     "serve", "signature", "flatten", "show", "compare", "import", "export", "query", "evaluate", "backup", "restore",
@@ -416,6 +422,25 @@ def test_an_evaluation_writes_an_escaped_html_page(folder, tmp_path):
     assert "each of 6 shapes" in page
     for setting, value in (Parameters().as_dict() | MeshPolicy().as_dict()).items():
         assert f"<bdi>{setting}</bdi></th><td><bdi>{'none' if value is None else value}</bdi>" in page
+
+
+def test_a_report_has_a_picture_of_each_file_that_can_be_used(folder, tmp_path):
+    (tmp_path / "bad.off").write_bytes(DAMAGED)
+    rows = [f"{name},{name.split('/')[0]}" for name in MEMBERS]
+    (tmp_path / "l.csv").write_text("\n".join(["path,class", *rows, f"{tmp_path}/bad.off,rings"]))
+    asked = ["evaluate", folder, "--labels", tmp_path / "l.csv", "--measure", "moments", "--html", tmp_path / "r.html"]
+    succeeded(*asked, run=in_process)
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    files = [base64.b64decode(found) for found in re.findall(r'href="data:image/webp;base64,([^"]+)"', page)]
+    request = PictureRequest(width=128, height=128, format="webp", theme="transparent")
+    assert sorted(files) == sorted(render_picture(request, read_mesh(folder / name)) for name in MEMBERS)
+    for name in MEMBERS:
+        assert f"<title>{name}, of class {name.split('/')[0]}</title>" in page
+    for file in files:
+        alpha = np.asarray(Image.open(io.BytesIO(file)).convert("RGBA"))[..., 3]
+        assert alpha.shape == (128, 128)
+        assert alpha[0, 0] == 0
+        assert (alpha == 255).any()
 
 
 def test_an_evaluation_prints_a_table_of_the_chosen_measures(folder):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import xml.etree.ElementTree as ET
 from datetime import date
@@ -9,9 +11,10 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from unbend.matching.evaluate import evaluate
-from unbend.matching.evaluate.report import Report, render
+from unbend.matching.evaluate.report import Report, ShapePicture, render
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 HOSTILE = "</td><script>alert('1')</script>\"&amp;<!--"
@@ -267,7 +270,7 @@ def test_tables_and_drawings_are_accessible(text, page):
             assert set(own["aria-labelledby"].split()) <= set(identities)
         if (own.get("href") or "").startswith("#"):
             assert own["href"][1:] in identities
-    assert text.count("<caption>") == text.count("<table>")
+    assert text.count("<caption>") == text.count("<table")
     assert '<html lang="en">' in text
 
 
@@ -322,3 +325,130 @@ def test_class_maps_show_every_shape_once_inside_the_frame():
     assert len({mark.get("class") for mark in drawings[0].iter("path")}) == 3
     assert "<script" not in text
     assert 'id="maps"' not in render(made())
+
+
+# --- pictures
+
+
+def webp(shade: int) -> bytes:
+    target = io.BytesIO()
+    Image.new("RGBA", (128, 128), (shade, 0, 0, 128)).save(target, "WEBP", lossless=True)
+    return target.getvalue()
+
+
+def pictures_in(text: str) -> dict[str, bytes]:
+    """Return the files in a page by the ids of their elements."""
+    start = "data:image/webp;base64,"
+    images = [own for tag, own, _ in Page(text).elements if tag == "image"]
+    assert all(own["href"].startswith(start) for own in images)
+    return {own["id"]: base64.b64decode(own["href"].removeprefix(start), validate=True) for own in images}
+
+
+def shown_in(text: str) -> list[tuple[str, str]]:
+    """Return the text and the id of the image of every picture that a part of a page shows."""
+    found = re.findall(r'<svg class="picture" role="img".*?</svg>', text, re.DOTALL)
+    parsed = [ET.fromstring(each) for each in found]  # noqa: S314
+    return [(each.find("title").text, each.find("use").get("href").removeprefix("#")) for each in parsed]
+
+
+def labelled_pictures(report: Report) -> list[ShapePicture]:
+    found = next(iter(report.evaluations.values()))
+    labels = [found.labels[code] for code in found.query_classes]
+    return [ShapePicture(name, labels[place], webp(place)) for place, name in enumerate(report.queries)]
+
+
+def large_report(classes: int, members: int) -> Report:
+    """Make a report of two measures, under which every answer is wrong, with a picture of each shape."""
+    labels = [f"class {row % classes:03}" for row in range(classes * members)]
+    names = [f"{row}.off" for row in range(len(labels))]
+    same = np.array(labels)[:, None] == np.array(labels)
+    found = evaluate(same + np.random.default_rng(0).random(same.shape) / 2, labels, labels, own=np.arange(len(labels)))
+    file = webp(1)
+    return made(
+        evaluations={"one": found, "two": found}, queries=names, gallery=names,
+        pictures=[ShapePicture(name, label, file) for name, label in zip(names, labels, strict=True)],
+    )  # fmt: skip
+
+
+def test_each_shape_has_its_picture_in_the_row_of_its_class_and_beside_wrong_answers():
+    pictures = labelled_pictures(made())
+    text = render(made(pictures=pictures))
+    files = pictures_in(text)
+    assert sorted(files.values()) == sorted(picture.file for picture in pictures)  # each is in the page once
+    for file in files.values():
+        assert Image.open(io.BytesIO(file)).convert("RGBA").size == (128, 128)
+    alternatives = {f"{picture.name}, of class {picture.label}": picture.file for picture in pictures}
+    in_classes = shown_in(section_text(text, "shapes"))
+    assert {title: files[identity] for title, identity in in_classes} == alternatives
+    assert len(in_classes) == 8
+    assert section(text, "shapes").texts("th", scope="row") == [f"{CLASS} 3 of 3", "ant 2 of 2", "cat 3 of 3"]
+    confused = shown_in(section_text(text, "measure-1"))
+    assert [title for title, _ in confused] == [
+        f"{HOSTILE}, of class cat", f"3.off, of class {CLASS}", f"3.off, of class {CLASS}", f"{HOSTILE}, of class cat",
+    ]  # fmt: skip
+    assert all(files[identity] == alternatives[title] for title, identity in confused)
+    assert shown_in(section_text(text, "measure-2")) == []
+
+
+def test_a_page_with_pictures_loads_nothing_else():
+    page = Page(text := render(made(pictures=labelled_pictures(made()))))
+    assert not re.search(r"https?://|url\(|@import|javascript:|<script", text)
+    for tag, own, _ in page.elements:
+        assert tag not in {"script", "link", "img", "iframe", "object", "embed", "form", "base", "b", "i"}
+        assert not any(name.startswith("on") or name in {"src", "srcset", "style"} for name in own)
+        assert (own.get("href") or "#").startswith("data:image/webp;base64," if tag == "image" else "#")
+        assert tag != "svg" or own.get("role") == "img" or own.get("aria-hidden") == "true"
+    identities = [own["id"] for _, own, _ in page.elements if "id" in own]
+    assert len(set(identities)) == len(identities)
+    assert text.count("<caption>") == text.count("<table")
+    policy = next(own["content"] for _, own, _ in page.elements if own.get("http-equiv") == "Content-Security-Policy")
+    assert policy == "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def test_a_page_without_pictures_has_no_section_for_them(text):
+    assert pictures_in(text) == {}
+    assert shown_in(text) == []
+    assert 'id="shapes"' not in text
+    assert 'href="#shapes"' not in text
+
+
+def test_the_row_of_a_class_shows_at_most_8_members_from_its_whole_list():
+    text = render(large_report(3, 20))
+    shown = shown_in(section_text(text, "shapes"))
+    for label in ("class 000", "class 001", "class 002"):
+        places = [int(title.split(".")[0]) for title, _ in shown if title.endswith(label)]
+        assert len(places) == 8
+        assert places[0] < 3
+        assert places[-1] >= 57
+    assert "class 000 8 of 20" in section(text, "shapes").texts("th")
+    assert "pictures of 60 of the 60 shapes" in section(text, "shapes").texts("p")[0]  # all are wrong answers
+
+
+@pytest.mark.parametrize(("classes", "members"), [(30, 20), (450, 2)])
+def test_a_page_has_at_most_400_pictures_and_half_are_for_wrong_answers(classes, members):
+    text = render(large_report(classes, members))
+    files = pictures_in(text)
+    assert len(files) == 400
+    assert {identity for _, identity in shown_in(text)} == set(files)
+    said = section(text, "shapes").texts("p")[0]
+    assert f"pictures of 400 of the {classes * members} shapes" in said
+    assert "at most 400" in said
+    confused = shown_in(section_text(text, "measure-1"))
+    assert len({identity for _, identity in confused}) >= 200
+    assert shown_in(section_text(text, "measure-2")) == confused
+
+
+def test_the_page_says_how_many_classes_have_no_picture():
+    few, many = (section(render(large_report(*size)), "shapes") for size in ((30, 20), (450, 2)))
+    assert len(few.texts("th", scope="row")) == 30
+    assert "no picture" not in few.texts("p")[0]
+    with_picture = len(many.texts("th", scope="row"))
+    assert 200 <= with_picture < 450
+    assert f"{450 - with_picture} of 450 classes have no picture" in many.texts("p")[0]
+
+
+def test_files_without_a_picture_are_shown_by_name():
+    pictures = [picture for picture in labelled_pictures(made()) if picture.name != "3.off"]
+    text = render(made(pictures=pictures))
+    assert {title for title, _ in shown_in(section_text(text, "measure-1"))} == {f"{HOSTILE}, of class cat"}
+    assert rows(section(text, "measure-1"), "Queries whose nearest shape")[1][2] == "3.off"

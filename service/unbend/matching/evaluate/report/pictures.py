@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 MOST_PICTURES: Final = 400
-"""Most pictures in a page, which bounds its size: a picture of 128 x 128 pixels takes about 2 kB, and 3 kB in base64."""
+"""Most pictures in a page, which bounds its size. A picture of 128 x 128 pixels takes about 3 kB in base64."""
 
 MOST_OF_CLASS: Final = 8
 """Most pictures in the row of a class."""

@@ -133,8 +133,8 @@ def test_two_clicks_give_a_path_with_the_lengths_of_the_api(filled: Server, open
           [copy.width, copy.height] = [canvas.clientWidth, canvas.clientHeight];
           const context = copy.getContext('2d');
           context.drawImage(canvas, 0, 0, copy.width, copy.height);
-          const { data } = context.getImageData(0, 0, copy.width / 2, copy.height);
-          const width = copy.width / 2;
+          const width = Math.floor(copy.width / 2);
+          const { data } = context.getImageData(0, 0, width, copy.height);
           const inside = [];
           for (let y = 4; y < copy.height - 4; y++) for (let x = 4; x < width - 4; x++) {
             const solid = (i, j) => data[4 * ((y + j) * width + x + i) + 3] > 250;

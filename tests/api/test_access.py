@@ -246,10 +246,12 @@ def test_allowed_origins_may_read_responses_and_send_preflight_requests(limited)
             response = api.get("/v1/shapes", headers={"Origin": origin})
             assert response.headers["access-control-allow-origin"] == origin
             check(api.delete("/v1/shapes/x", headers={"Origin": origin}), 404, "not_found")
-        wish = {"Access-Control-Request-Method": "PATCH", "Access-Control-Request-Headers": "authorization"}
+        wish = {"Access-Control-Request-Method": "PATCH", "Access-Control-Request-Headers": "authorization, if-match"}
         asked = api.options("/v1/shapes/x", headers=wish | {"Origin": "https://a.example"})
         assert asked.status_code == 200
         assert "PATCH" in asked.headers["access-control-allow-methods"]
+        shown = api.get("/v1/shapes", headers={"Origin": "https://a.example"})
+        assert "ETag" in shown.headers["access-control-expose-headers"]
         refused = api.options("/v1/shapes/x", headers=wish | {"Origin": "https://c.example"})
         assert "access-control-allow-origin" not in refused.headers
         other = api.get("/v1/shapes", headers={"Origin": "https://c.example"})

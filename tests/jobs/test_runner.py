@@ -18,6 +18,7 @@ from tests.support.server import DAMAGED, children, endless_mesh, is_running, me
 from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
 from unbend.jobs import JobLimits, JobRunner
+from unbend.jobs.observer import NoObserver
 from unbend.jobs.worker import StoredMesh, convert, geodesics_from
 from unbend.library.job_rows import JobFilter
 from unbend.library.records import JobRecord, ShapeRecord
@@ -558,3 +559,31 @@ def test_a_runner_becomes_ready_although_a_starting_worker_was_killed(library):
                 await asyncio.sleep(0.05)
 
     run_with(library, LIMITS, story)
+
+
+def test_another_measure_for_the_same_file_computes_nothing_again(tmp_path):
+    class Counter(NoObserver):
+        computed_jobs = 0
+
+        def computed(self, _seconds):
+            self.computed_jobs += 1
+
+    counter = Counter()
+
+    async def run(library: Library) -> list[JobRecord]:
+        runner = JobRunner(library, workers=1, limits=LIMITS, observer=counter)
+        await runner.start()
+        await end(runner, await queue(runner, small_mesh(1)))
+        ended = []
+        for measure, parameters in (("spectrum", FEW), ("moments", FEW), ("moments", Parameters(samples=41))):
+            job = await runner.submit_query(Upload(small_mesh(2), "ply", parameters, READ), QueryRequest(measure))
+            ended.append(await end(runner, job.id))
+        await runner.stop()
+        return ended
+
+    with Library(str(tmp_path / "a.db")) as library:
+        first, second, third = asyncio.run(run(library))
+    assert counter.computed_jobs == 3  # the shape, the first query, and the query with other parameters
+    assert [job.result["measure"] for job in (first, second)] == ["spectrum", "moments"]
+    assert first.result["shapes"][0]["distance"] != second.result["shapes"][0]["distance"]
+    assert third.result["shapes"] == []

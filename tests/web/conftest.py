@@ -85,6 +85,7 @@ def open_page(chromium: Browser, watched: Watched) -> Iterator[OpenPage]:
         contexts.append(context)
         page = context.new_page()
         watched.watch(page)
+        page.on("filechooser", lambda _: None)  # a listener from the beginning, so that no chooser opens unnoticed
         page.goto(url)
         return page
 

@@ -133,8 +133,8 @@ def test_two_clicks_give_a_path_with_the_lengths_of_the_api(filled: Server, open
           [copy.width, copy.height] = [canvas.clientWidth, canvas.clientHeight];
           const context = copy.getContext('2d');
           context.drawImage(canvas, 0, 0, copy.width, copy.height);
-          const { data } = context.getImageData(0, 0, copy.width / 2, copy.height);
-          const width = copy.width / 2;
+          const width = Math.floor(copy.width / 2);
+          const { data } = context.getImageData(0, 0, width, copy.height);
           const inside = [];
           for (let y = 4; y < copy.height - 4; y++) for (let x = 4; x < width - 4; x++) {
             const solid = (i, j) => data[4 * ((y + j) * width + x + i) + 3] > 250;
@@ -480,13 +480,15 @@ def test_the_theme_is_remembered(filled: Server, open_page: OpenPage) -> None:
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
 
 
-def test_the_form_of_the_api_documentation_sends_no_example_values(filled: Server, open_page: OpenPage) -> None:
+def test_the_form_of_the_api_documentation_sends_no_example_values(
+    filled: Server, open_page: OpenPage, watched: Watched
+) -> None:
+    watched.expected = ("escaping deep link whitespace",)
     page = open_page(f"{filled.url}/docs#/shapes/upload_shape")
     page.get_by_role("button", name="Try it out").first.click()
-    values = page.locator(".opblock.is-open .parameters textarea, .opblock.is-open .parameters input[type=text]")
-    expect(values.first).to_be_visible()
-    filled_in = [value for value in values.evaluate_all("all => all.map(each => each.value)") if value]
-    assert not any(word in value for value in filled_in for word in ("cat", "bridge", "scanner", "string"))
+    fields = page.locator(".opblock.is-open textarea, .opblock.is-open input[type=text]")
+    expect(fields.nth(5)).to_be_visible()
+    assert set(fields.evaluate_all("all => all.map(each => each.value.trim())")) == {"", "{}"}
 
 
 def test_the_grid_holds_only_what_is_visible(empty: Server, open_page: OpenPage) -> None:

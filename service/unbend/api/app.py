@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from fastapi import Depends, FastAPI
 from fastapi_offline import FastAPIOffline
@@ -45,6 +45,16 @@ _DESCRIPTION = """Recognise shapes however they bend.
 Upload meshes with `POST /v1/shapes`; each gets a *bending-invariant signature* (Elad & Kimmel, PAMI 2003).
 `POST /v1/queries` ranks the classes and stored shapes that are most similar to a mesh, whatever its pose.
 """
+
+# Headers that pages of other websites may send and read, besides those that every website may.
+_REQUEST_HEADERS: Final = (
+    "Authorization", "Content-Type", "Idempotency-Key", "If-Match", "If-None-Match", "If-Range", "Last-Event-ID",
+    "Prefer", "Range",
+)  # fmt: skip
+_RESPONSE_HEADERS: Final = (
+    "Accept-Ranges", "Content-Disposition", "Content-Range", "ETag", "Location", "Preference-Applied", "Retry-After",
+    "WWW-Authenticate", "X-Request-ID",
+)  # fmt: skip
 
 
 def create_app(settings: Settings | None = None, lease: Lease | None = None) -> FastAPI:
@@ -115,8 +125,8 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
             CORSMiddleware,
             allow_origins=settings.origins,
             allow_methods=["GET", "HEAD", "POST", "PATCH", "DELETE"],
-            allow_headers=["Authorization", "Content-Type", "Last-Event-ID", "Prefer"],
-            expose_headers=["Content-Disposition", "Location", "Retry-After", "WWW-Authenticate", "X-Request-ID"],
+            allow_headers=_REQUEST_HEADERS,
+            expose_headers=_RESPONSE_HEADERS,
         )
     app.add_middleware(Audit)
     app.add_middleware(SecurityHeaders)

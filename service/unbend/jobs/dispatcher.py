@@ -23,6 +23,7 @@ from unbend.jobs.worker import StoredMesh, compute_query, compute_shape, make_fi
 from unbend.library import Library
 from unbend.library.records import JobFile, JobRecord
 from unbend.library.requests import FileRequest, QueryRequest, UploadKey
+from unbend.signature.signature import Signature
 
 logger = logging.getLogger("unbend.jobs")
 T = TypeVar("T")
@@ -31,6 +32,7 @@ _RETRY_SECONDS: Final = 1.0
 _POLL_SECONDS: Final = 5.0
 _FILES_KEPT: Final = timedelta(days=1)
 _HISTORY_SECONDS: Final = 60.0
+_SIGNATURES_KEPT: Final = 32
 _STOPPING_SECONDS: Final = 3.0
 """Time for which a stopping server retries a failing store. The next server recovers jobs whose end was not written."""
 
@@ -56,6 +58,7 @@ class Dispatcher:
         self._slots = asyncio.Semaphore(2 * pool.size)
         self._wake = asyncio.Event()
         self._running: dict[str, asyncio.Task[None]] = {}
+        self._signatures: dict[UploadKey, Signature] = {}  # of recent queries, the latest last
         self._claim_task: asyncio.Task[None] | None = None
         self._history_task: asyncio.Task[None] | None = None
         self._is_stopping = False
@@ -251,9 +254,16 @@ class Dispatcher:
         return await self._retry(partial(self._jobs.complete_shape, job, outcome.shape))
 
     async def _complete_query(self, job: JobRecord, mesh: StoredMesh, request: QueryRequest) -> JobRecord | None:
-        outcome = await self._compute(job, compute_query, mesh, job.parameters)
-        self._observer.computed(outcome.seconds)
-        ranking = await asyncio.to_thread(self._library.search.rank, outcome.signature, request)
+        key = UploadKey.of(mesh.sha256, job.parameters, job.policy)
+        signature = self._signatures.pop(key, None)  # the same file may be ranked by another measure
+        if signature is None:
+            outcome = await self._compute(job, compute_query, mesh, job.parameters)
+            self._observer.computed(outcome.seconds)
+            signature = outcome.signature
+        self._signatures[key] = signature
+        if len(self._signatures) > _SIGNATURES_KEPT:
+            del self._signatures[next(iter(self._signatures))]
+        ranking = await asyncio.to_thread(self._library.search.rank, signature, request)
         return await self._retry(partial(self._jobs.complete_query, job, ranking))
 
     async def _compute(self, job: JobRecord, function: Callable[..., T], *arguments: object) -> T:

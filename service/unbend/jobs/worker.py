@@ -240,12 +240,14 @@ def library_evaluation(library_url: str, measure: str, parameters: Parameters | 
 
 
 def warm_up() -> None:
-    """Compile or load the kernels of signatures and measures, by comparing two small meshes."""
-    first, second = (
-        compute_signature(read_mesh(_TETRAHEDRON.format(height=height).encode()), threads=1) for height in (1, 2)
-    )
+    """Compile or load the kernels of signatures, measures and pictures, with two small meshes."""
+    surfaces = [read_mesh(_TETRAHEDRON.format(height=height).encode()) for height in (1, 2)]
+    first, second = (compute_signature(surface, threads=1) for surface in surfaces)
     for measure in MEASURES:
         compare(first, second, measure)
+    surface, form, _ = simplified_form(surfaces[0], first, MOST_FACES)
+    render_picture(PictureRequest(width=32, height=32, subject="both", distances_from=0), surface, form, threads=1)
+    geodesic_path(surface, 0, 1)
 
 
 def _read(mesh: StoredMesh) -> Surface:

@@ -116,8 +116,9 @@ def _simplified(surface: Surface, most_faces: int) -> tuple[Surface, Indices]:
     into = found.vertex_map[merged]
     away = ((surface.vertices[merged] - found.vertices[into]) ** 2).sum(axis=1)
     nearest = np.lexsort((away, into))  # by new vertex, the nearest old vertex first
-    first = np.searchsorted(into[nearest], np.arange(len(found.vertices)))
-    return Surface(found.vertices, found.faces), merged[nearest][first]
+    chosen = merged[nearest][np.searchsorted(into[nearest], np.arange(len(found.vertices)))]
+    # At vertices of the file, so that the distances and paths of the file begin and end there.
+    return Surface(surface.vertices[chosen], found.faces), chosen
 
 
 def _moved(signature: Signature, surface: Surface, shown: Surface, chosen: Indices) -> Signature:

@@ -94,15 +94,19 @@ class PolicyFields(BaseModel):
     seams: Seams = Field("stitch", description="Join boundary edges whose ends coincide, or leave the surface cut.")
 
 
+_NO_EXAMPLE: Final[list[JsonValue]] = [{}]
+"""The form of /docs would fill in a value of its own, and "Try it out" would send it."""
+
+
 def _inline(model: type[BaseModel], description: str) -> dict[str, Any]:
     schema = model.model_json_schema()
     del schema["title"]
-    return schema | {"description": description}
+    return schema | {"description": description, "examples": _NO_EXAMPLE}
 
 
 _PARAMETERS: Final = _inline(ParametersFields, "Parameters of the signature, as a JSON object.")
 _POLICY: Final = _inline(PolicyFields, "How to read the file, as a JSON object.")
-_METADATA: Final = {"type": "object", "description": "Any JSON object."}
+_METADATA: Final = {"type": "object", "description": "Any JSON object.", "examples": _NO_EXAMPLE}
 
 ParametersText = Annotated[str | None, WithJsonSchema(_PARAMETERS)]
 """JSON text in a form. OpenAPI describes an object in a form as a part with the type application/json."""

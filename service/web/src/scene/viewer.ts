@@ -95,7 +95,9 @@ const FRAGMENT = /* glsl */ `
   }
 `;
 
-const UPRIGHT: Record<string, [number, number, number]> = { y: [0, 1, 0], z: [0, 0, 1], x: [1, 0, 0] };
+const UPRIGHT: Record<string, Point> = {
+  y: [0, 1, 0], z: [0, 0, 1], x: [1, 0, 0], "-y": [0, -1, 0], "-z": [0, 0, -1], "-x": [-1, 0, 0],
+};
 const KINDS = { plain: 0, field: 1, colours: 2, texture: 3 } as const;
 
 const ANGLE = 30; // degrees that the camera sees

@@ -148,7 +148,7 @@ function curve(found: Evaluation): HTMLElement {
   const { recall, precision } = found.precision_recall;
   const [width, height, edge] = [420, 260, 36];
   const x = (value: number): number => edge + value * (width - edge - 12);
-  const y = (value: number): number => height - edge - value * (height - edge - 12);
+  const y = (value: number): number => height - edge - value * (height - edge - 26);
   const ticks = [0, 0.25, 0.5, 0.75, 1];
   const grid = ticks.flatMap((tick) => [
     svg("line", { x1: x(0), x2: x(1), y1: y(tick), y2: y(tick), class: "grid" }),
@@ -162,7 +162,7 @@ function curve(found: Evaluation): HTMLElement {
     ...grid,
     svg("polyline", { points, class: "line" }),
     text(x(0.5), height - 4, "recall", "middle"),
-    text(x(0) + 6, 14, "precision", "start"),
+    text(4, 12, "precision", "start"),
   );
   const figureElement = h("figure", {});
   figureElement.append(drawing);

@@ -13,6 +13,7 @@ import { pictureOf, stage } from "../ui/stage";
 const UNKNOWN = 3.4e38; // the shader leaves such values uncoloured
 const CONTOURS = 18;
 const NEAREST = 12;
+const AXES = ["y", "z", "x", "-y", "-z", "-x"];
 
 export async function shapeView(parts: string[], query: URLSearchParams, signal: AbortSignal): Promise<View> {
   const id = parts[0] ?? "";
@@ -236,7 +237,7 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
         "div",
         { class: "row" },
         button("Reset the view", () => viewer.reset(), { class: "quiet" }),
-        select([["y", "Y is up"], ["z", "Z is up"], ["x", "X is up"]], mesh.about.up ?? "z", (axis) => viewer.setUp(axis), { "aria-label": "Upright axis" }),
+        select(AXES.map((axis) => [axis, `${axis.toUpperCase()} is up`] as const), mesh.about.up ?? "z", (axis) => viewer.setUp(axis), { "aria-label": "Upright axis" }),
         h("a", { href: `#/flatten/${shape.id}`, class: "quiet" }, "Flatten it"),
       ),
   );

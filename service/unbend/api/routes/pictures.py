@@ -1,4 +1,4 @@
-"""What people see of a shape: its picture, and its surface with its signature for viewers."""
+"""Pictures of shapes, and their surfaces with signatures for viewers."""
 
 from __future__ import annotations
 

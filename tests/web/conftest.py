@@ -40,7 +40,7 @@ def chromium() -> Iterator[Browser]:
 
 
 class Watched:
-    """What a page complained about."""
+    """The complaints of a page: errors, warnings and failed requests."""
 
     def __init__(self) -> None:
         self.complaints: list[str] = []

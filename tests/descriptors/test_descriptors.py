@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist, squareform
@@ -43,6 +44,13 @@ def test_the_principal_pose_does_not_depend_on_rotation(rotation, seed):
     turned = principal_pose(points @ rotation(seed).T + [1, 2, 3], 7 * weights)
     np.testing.assert_allclose(np.abs(turned), np.abs(posed), atol=1e-7 * np.abs(posed).max())
     np.testing.assert_allclose(squareform(pdist(posed)), squareform(pdist(points)), atol=1e-9)
+
+
+@pytest.mark.parametrize("power", [-460, -400, 340, 460])
+def test_the_principal_pose_does_not_depend_on_the_unit(power):
+    points, weights = cloud(8)  # third moments and the first far point give different signs
+    scaled = principal_pose(points * 2.0**power, weights)
+    np.testing.assert_allclose(scaled / 2.0**power, principal_pose(points, weights), atol=1e-9)
 
 
 def test_the_spectrum_has_the_eigenvalues_of_the_weighted_kernels():

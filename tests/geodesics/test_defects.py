@@ -27,6 +27,35 @@ def test_the_oracle_for_triangle_soups_equals_exact_geodesics_on_manifolds(surfa
     )
 
 
+def _square_far_from_coincident_vertices(size: float) -> Surface:
+    """Return a square at the origin and four coincident vertices far from it: most edges have length zero."""
+    square = size * np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    vertices = np.concatenate([square, np.tile([-0.3, -1.2, -0.2], (4, 1))])
+    return Surface(vertices, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [5, 6, 7], [6, 7, 4], [7, 4, 5], [0, 1, 4]])
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-22, 1e-50])
+@pytest.mark.parametrize("oracle", [edge_path_distances, steiner_distances, soup_distances])
+def test_the_oracles_are_exact_on_parts_far_smaller_than_the_surface(oracle, size):
+    distances = oracle(_square_far_from_coincident_vertices(size), np.array([0]))
+    np.testing.assert_allclose(distances[0, :4] / size, [0, 1, 2**0.5, 1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("update", UPDATES)
+@pytest.mark.parametrize("size", [1e-22, 1e-50])
+def test_edges_too_short_for_single_precision_are_a_typed_error_among_many_of_length_zero(size, update):
+    with pytest.raises(MeshGeometryError, match="times as long as a typical one"):
+        geodesic_distances(_square_far_from_coincident_vertices(size), 0, update=update)
+
+
+@pytest.mark.parametrize("update", UPDATES)
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6])
+def test_distances_are_correct_where_most_edges_have_length_zero(size, update):
+    distances = geodesic_distances(_square_far_from_coincident_vertices(size), [0, 4], update=update)
+    np.testing.assert_allclose(distances[0, :4] / size, [0, 1, 2**0.5, 1], rtol=1e-6)
+    np.testing.assert_allclose(distances[1, 4:], 0, atol=1e-9 * size)
+
+
 @given(
     defective(frozenset(DEFECTS) - COARSE),
     st.integers(0, 2**32 - 1),

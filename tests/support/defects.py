@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tests.support.oracles import TooManyWindowsError, edge_path_distances, grid, soup_distances, steiner_distances
 from unbend import Surface, geodesic_distances
 from unbend.errors import MeshError
+from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.shapes import bent_tube, cylinder, sphere, torus
@@ -20,7 +21,7 @@ DETOUR: Final = 0.1
 """Share by which a distance may exceed the shortest path along edges, because marching does not use all edges."""
 
 NOTHING: Final = 1e-4
-"""Share of the median edge below which a length counts as zero: `flips.mollified` gives such edges a tiny length."""
+"""Share of a typical edge below which a length counts as zero: `flips.mollified` gives such edges a tiny length."""
 
 SHORTFALL: Final = 1e-9
 """Tolerance for rounding in a chain of some dozens of updates."""
@@ -320,7 +321,7 @@ def check_rows(surface, sources, update, longest, exact=None) -> np.ndarray:
     assert (distances[reached] >= straight[reached] * (1 - SHORTFALL)).all(), (
         f"{update}: shorter than straight by {_worst(straight[reached], distances[reached])}"
     )
-    nothing = NOTHING * np.median(np.linalg.norm(np.diff(surface.vertices[surface.faces], axis=1), axis=2))
+    nothing = NOTHING * stencils_of(surface).unit
     assert (distances[reached] <= longest[reached] * (1 + DETOUR) + nothing).all(), (
         f"{update}: longer than along edges by {_worst(distances[reached], longest[reached])}"
     )

@@ -45,9 +45,11 @@ def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) ->
     """
     places = _unit_places(surface)
     sides, faces = _sides_of_faces(surface)
+    # A node is at an offset from a vertex, because coordinates far from the origin would round its place.
     share = np.arange(1, points + 1)[:, None] / (points + 1)
-    between = places[sides[:, 0], None] * (1 - share) + places[sides[:, 1], None] * share
-    nodes = np.concatenate([places, between.reshape(-1, 3)])
+    along = (places[sides[:, 1]] - places[sides[:, 0]])[:, None] * share
+    near = np.concatenate([places, np.repeat(places[sides[:, 0]], points, axis=0)])
+    offset = np.concatenate([np.zeros(places.shape), along.reshape(-1, 3)])
     inner = len(places) + np.arange(len(sides) * points).reshape(len(sides), points)
     chains = np.concatenate([sides[:, :1], inner, sides[:, 1:]], axis=1)
     first, second = [chains[:, :-1].ravel()], [chains[:, 1:].ravel()]
@@ -59,11 +61,12 @@ def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) ->
         second.append(inner[faces[:, corner]].ravel())
     a, b = np.concatenate(first), np.concatenate(second)
     # A sparse graph treats zeros as missing edges.
-    lengths = np.maximum(np.linalg.norm(nodes[a] - nodes[b], axis=1), np.finfo(float).tiny)
-    pairs, kept = np.unique(np.minimum(a, b) * len(nodes) + np.maximum(a, b), return_index=True)
-    graph = csr_array((lengths[kept], (pairs // len(nodes), pairs % len(nodes))), (len(nodes), len(nodes)))
-    found = dijkstra(graph, directed=False, indices=sources)[:, : len(places)]
-    return found * (surface.extent or 1.0)
+    steps = (near[a] - near[b]) + (offset[a] - offset[b])
+    lengths = np.maximum(np.linalg.norm(steps, axis=1), np.finfo(float).tiny)
+    count = len(near)
+    pairs, kept = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_index=True)
+    graph = csr_array((lengths[kept], (pairs // count, pairs % count)), (count, count))
+    return dijkstra(graph, directed=False, indices=sources)[:, : len(places)] * surface.scale
 
 
 class TooManyWindowsError(Exception):
@@ -81,20 +84,22 @@ def soup_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
     sides, of_faces = _sides_of_faces(surface)
     order = np.argsort(of_faces.ravel(), kind="stable")
     starts = np.searchsorted(of_faces.ravel()[order], np.arange(len(sides) + 1))
-    distances = edge_path_distances(surface, sources) / (surface.extent or 1.0)
+    distances = edge_path_distances(surface, sources) / surface.scale
     windows = np.empty((100_000, 10))
     for row in distances:
         if not _settle(places, surface.faces, of_faces, starts, order, row, windows):
             raise TooManyWindowsError
-    return distances * (surface.extent or 1.0)
+    return distances * surface.scale
 
 
 def _unit_places(surface: Surface) -> np.ndarray:
-    """Return coordinates in units of the extent, and zero for unused vertices."""
+    """Return coordinates in units of the scale, and zero for unused vertices.
+
+    They are not moved to the origin: that would round away parts of the surface far smaller than its extent.
+    """
     places = np.zeros(surface.vertices.shape)
     used = surface.used_vertices
-    low = surface.vertices[used].min(axis=0)
-    places[used] = (surface.vertices[used] - low) / (surface.extent or 1.0)
+    places[used] = surface.vertices[used] / surface.scale
     return places
 
 

@@ -49,6 +49,7 @@ def in_principal_axes(centred: Floats, share: Floats) -> Floats:
 
 def _signs(turned: Floats, share: Floats) -> Floats:
     """Return the sign by which each axis is multiplied, 1 or -1, (m,)."""
+    turned = turned / np.ldexp(1.0, np.frexp(np.abs(turned).max())[1])  # so that cubes stay in range, without rounding
     size = np.abs(turned)
     skew, whole = share @ turned**3, share @ size**3
     first = np.take_along_axis(turned, (size > _AWAY * size.max(axis=0)).argmax(axis=0)[None], axis=0)[0]

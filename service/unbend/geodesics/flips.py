@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from unbend.arrays import Floats
-from unbend.geodesics.halfedges import before, following, previous_in_cycle, relink
+from unbend.geodesics.halfedges import before, following, previous_in_cycle, relink, typical_length
 from unbend.geodesics.unfolding import apex
 from unbend.jit import inlined, kernel
 from unbend.tolerances import DELAUNAY, FLIPS, MOLLIFIED
@@ -21,11 +21,11 @@ def mollified(lengths: Floats) -> Floats:
     """Return half-edge lengths (3 m,) that satisfy every triangle inequality with a margin (Sharp & Crane 2020).
 
     If a triangle lacks the margin, all edges of the mesh grow by the same amount, the least that gives every triangle
-    its margin. Otherwise the lengths stay the same.
+    its margin. Otherwise, or if all lengths are 0, the lengths stay the same.
     """
     sides = lengths.reshape(-1, 3)
     slack = float((sides.sum(axis=1) - 2 * sides.max(axis=1)).min())
-    missing = MOLLIFIED * float(np.median(lengths)) - slack
+    missing = MOLLIFIED * typical_length(lengths) - slack
     return lengths + missing if missing > 0 else lengths
 
 

@@ -50,6 +50,17 @@ def half_edges_of(surface: Surface, unit: float) -> HalfEdges:
     return HalfEdges(faces, twins, lengths, _free(faces, twins), len(surface.vertices))
 
 
+def typical_length(lengths: Floats) -> float:
+    """Return the median length; if it is 0, the median of the positive lengths; if all are 0, 0.
+
+    The mean would not do, because a few long edges raise it far above all others.
+    """
+    typical = float(np.median(lengths))
+    if typical == 0.0 and lengths.any():
+        typical = float(np.median(lengths[lengths > 0.0]))
+    return typical
+
+
 @inlined
 def following(half_edge):
     """Return the next half-edge around the face."""

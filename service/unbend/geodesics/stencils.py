@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints
 from unbend.errors import MeshGeometryError
-from unbend.geodesics.halfedges import HalfEdges, half_edges_of
+from unbend.geodesics.halfedges import HalfEdges, half_edges_of, typical_length
 from unbend.geodesics.intrinsic import Intrinsic, intrinsic_triangulation
 from unbend.geodesics.unfolding import angle, apex, half_edge_lengths, vertex_behind
 from unbend.jit import kernel
@@ -141,10 +141,12 @@ def _empty_blocks(number: int, nothing: int) -> tuple[Ints, NDArray[np.float32]]
 
 
 def _median_edge(surface: Surface) -> float:
-    """Return the length of the median edge; raise MeshGeometryError if an edge is too long for single precision."""
+    """Return the typical length of an edge, which becomes the unit.
+
+    Raise MeshGeometryError if an edge is too long for single precision.
+    """
     lengths = half_edge_lengths(surface.vertices / surface.scale, surface.faces)
-    # The median, because a few long edges would raise the mean far above all others.
-    typical = float(np.median(lengths)) or float(lengths.mean()) or 1.0
+    typical = typical_length(lengths) or 1.0
     longest = int(lengths.argmax())
     if lengths[longest] > LONGEST_EDGE * typical:
         raise MeshGeometryError(

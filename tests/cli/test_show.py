@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.support.commands import called, failed_with_a_sentence, succeeded
+from tests.support.commands import in_process, failed_with_a_sentence, succeeded
 from tests.support.server import ply
 from unbend import Parameters, canonical_form, read_mesh
 from unbend.mesh.shapes import torus
@@ -34,7 +34,7 @@ def test_every_option_reaches_the_picture(mesh, tmp_path):
     output = tmp_path / "picture.webp"
     done = succeeded(
         "show", mesh, "-o", output, "--subject", "both", "--size", "300x200", "--theme", "dark", "--from", 3, "--to",
-        40, "--contours", "--azimuth", 20, "--elevation", 5, "--up", "y", "--samples", 20, run=called,
+        40, "--contours", "--azimuth", 20, "--elevation", 5, "--up", "y", "--samples", 20, run=in_process,
     )  # fmt: skip
     assert "300 x 200 pixels, stress" in done.stderr
     request = PictureRequest(
@@ -50,10 +50,10 @@ def test_every_option_reaches_the_picture(mesh, tmp_path):
 
 def test_a_dimension_brings_its_number_of_dimensions(mesh, tmp_path):
     output = tmp_path / "picture.png"
-    succeeded("show", mesh, "-o", output, "--dimension", 5, "--samples", 20, run=called)
+    succeeded("show", mesh, "-o", output, "--dimension", 5, "--samples", 20, run=in_process)
     form = canonical_form(read_mesh(mesh), Parameters(samples=20, dimensions=5))
     assert output.read_bytes() == render_picture(PictureRequest(dimension=5), read_mesh(mesh), form)
-    refused = called("show", mesh, "-o", output, "--dimension", 5, "--dimensions", 4, "--samples", 20)
+    refused = in_process("show", mesh, "-o", output, "--dimension", 5, "--dimensions", 4, "--samples", 20)
     failed_with_a_sentence(refused, "no dimension 5")
 
 
@@ -72,14 +72,14 @@ def test_a_dimension_brings_its_number_of_dimensions(mesh, tmp_path):
 )
 def test_what_is_out_of_range_is_refused_with_a_sentence(mesh, tmp_path, options, words):
     output = tmp_path / "picture.png"
-    failed_with_a_sentence(called("show", mesh, "-o", output, *options), words)
+    failed_with_a_sentence(in_process("show", mesh, "-o", output, *options), words)
     assert not output.exists()
 
 
 @pytest.mark.parametrize("options", [["--size", "300"], ["--size", "ax3"], ["--theme", "red"], ["--up", "w"]])
 def test_options_that_cannot_be_understood_show_the_usage(mesh, tmp_path, options):
-    failed_with_a_sentence(called("show", mesh, "-o", tmp_path / "picture.png", *options), "Usage", status=2)
+    failed_with_a_sentence(in_process("show", mesh, "-o", tmp_path / "picture.png", *options), "Usage", status=2)
 
 
 def test_an_unknown_kind_of_file_is_refused(mesh, tmp_path):
-    failed_with_a_sentence(called("show", mesh, "-o", tmp_path / "picture.gif"), "png, webp")
+    failed_with_a_sentence(in_process("show", mesh, "-o", tmp_path / "picture.gif"), "png, webp")

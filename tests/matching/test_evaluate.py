@@ -316,5 +316,5 @@ def test_a_query_that_is_left_out_must_be_in_the_gallery(own):
 
 
 def test_a_query_that_is_left_out_must_be_of_one_class():
-    with pytest.raises(ParameterError, match="query 1 is of another class"):
+    with pytest.raises(ParameterError, match="query 1 has another class in the gallery"):
         evaluate(np.zeros((2, 3)), ["a", "a"], ["a", "a", "b"], own=np.array([0, 2]))

@@ -120,7 +120,7 @@ def main() -> None:
         folder = Path(temporary)
         fill(folder / "many")
         start = start_table(browser, folder)
-        with Server(folder / "large") as server:
+        with Server(folder / "large", call_seconds=300) as server:
             models = model_rows(browser, server)
             grid = [grid_row(browser, server, name, speed) for name, speed in GRID_SPEEDS.items()]
         version = browser.version
@@ -290,7 +290,7 @@ def mock_list(page: Page, url: str) -> None:
         route.fulfill(json={"items": items, "next_cursor": str(last) if last < GRID_SHAPES else None})
 
     page.route(re.compile(r"/v1/shapes\?"), send)
-    page.route(re.compile("/thumbnail"), lambda route: route.fulfill(body=picture, content_type="image/webp"))
+    page.route(re.compile(r"/thumbnail(\?|$)"), lambda route: route.fulfill(body=picture, content_type="image/webp"))
 
 
 # The section.

@@ -67,7 +67,7 @@ def main() -> None:
 def draw_all(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     fill(folder / "library.db")
-    with Server(folder) as server, chromium() as browser:
+    with Server(folder, call_seconds=600) as server, chromium() as browser:
         for shot in shots(server):
             draw(browser, server, shot)
         # The sheet comes last, because it would be far from all others on the map.

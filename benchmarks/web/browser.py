@@ -1,4 +1,4 @@
-"""Chromium with software WebGL, as the tests of the page start it."""
+"""Chromium with software WebGL."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from tests.web.conftest import ARGUMENTS
-
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""Software rendering of WebGL, as in the tests of the page."""
 MILLISECONDS = 300_000
 """Longest wait for anything on a page, on a machine that other work keeps busy."""
 

@@ -93,7 +93,7 @@ def shots(server: Server) -> list[Shot]:
     first, second = far_points(DATA / "tosca5k" / f"{SHAPE}.off")
     return [
         Shot("library", "library?order=label", "li.card img[src]"),
-        Shot("shape", f"shape/{ids[SHAPE]}?from={first}&to={second}", ".lengths b >> nth=1", heights=(1120, 1180)),
+        Shot("shape", f"shape/{ids[SHAPE]}?from={first}&to={second}", ".lengths b >> nth=1", heights=(1170, 1180)),
         Shot("pair", f"pair/{ids[SHAPE]}/{ids[OTHER]}", ".pair canvas"),
         Shot("ask", "ask", ".drop", ask, heights=(1000, 1100)),
         Shot("map", "map", ".classes-legend li", lambda page: lasso(page, server)),

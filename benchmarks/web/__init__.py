@@ -1,0 +1,1 @@
+"""Measurements and pictures of the web page, in a real browser at a real server."""

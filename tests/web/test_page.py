@@ -181,7 +181,7 @@ def test_a_query_finds_the_right_class(filled: Server, open_page: OpenPage, real
     expect(page.locator(".ranked li").first).to_contain_text("cat")
     page.get_by_label("Measure").select_option("moments")
     expect(page.locator(".ranked li")).to_have_count(9)
-    page.get_by_role("button", name=re.compile("beside the mesh")).first.click()
+    page.get_by_role("button", name=re.compile("with the mesh")).first.click()
     expect(page.locator(".comparison canvas")).to_be_visible()
     page.wait_for_function(f"() => ({PAINTED})(document.querySelector('.comparison canvas')).colours[1] > 50")
     assert len(httpx.get(f"{filled.url}/v1/shapes", params={"limit": 500}).json()["items"]) == 9  # not stored
@@ -504,7 +504,7 @@ def test_the_grid_holds_only_what_is_visible(empty: Server, open_page: OpenPage)
         re.compile(r"/v1/shapes\?"),
         lambda route: route.fulfill(json={"items": shapes, "next_cursor": None}),
     )
-    page.route(re.compile("/thumbnail"), lambda route: route.fulfill(body=b"", content_type="image/webp"))
+    page.route(re.compile(r"/thumbnail(\?|$)"), lambda route: route.fulfill(body=b"", content_type="image/webp"))
     page.goto(empty.url)
     expect(page.get_by_text("3,000 shapes")).to_be_visible()
     assert page.locator("li.card").count() < 80

@@ -1,6 +1,6 @@
 /** The jobs of this session: uploads and queries on their way, one stream of progress for all, and a panel. */
 
-import { ApiError, followJobs, getJson, key, send, type Job, type JobSummary, type Shape } from "./api/client";
+import { ApiError, followJobs, getJson, key, send, server, type Job, type JobSummary, type Shape } from "./api/client";
 import { describe } from "./ui/notices";
 import { button, h, plural } from "./ui/dom";
 
@@ -19,6 +19,7 @@ interface Entry {
   message: string;
   remarks: string[];
   shapeId: string | null;
+  sending: AbortController | null;
 }
 
 const entries: Entry[] = [];
@@ -39,7 +40,7 @@ export function upload(uploads: Upload[]): void {
   follow();
   for (const each of uploads) {
     const entry: Entry = {
-      name: each.file.name, state: "waiting", job: null, message: "", remarks: [], shapeId: null,
+      name: each.file.name, state: "waiting", job: null, message: "", remarks: [], shapeId: null, sending: null,
     };
     entries.push(entry);
     pending.push({ entry, upload: each });
@@ -56,6 +57,7 @@ async function next(): Promise<void> {
     if (entry.state === "cancelled") continue;
     sending++;
     entry.state = "sending";
+    entry.sending = new AbortController();
     draw();
     void post(entry, each).finally(() => {
       sending--;
@@ -70,7 +72,7 @@ async function post(entry: Entry, each: Upload): Promise<void> {
   form.set("file", each.file);
   if (each.label) form.set("label", each.label);
   try {
-    const response = await send("shapes", { method: "POST", body: form });
+    const response = await send("shapes", { method: "POST", body: form, signal: entry.sending?.signal });
     if (response.status === 200) {
       const shape = (await response.json()) as Shape & { ignored: string[] };
       entry.state = "known";
@@ -85,8 +87,16 @@ async function post(entry: Entry, each: Upload): Promise<void> {
       early.delete(job.id);
     }
   } catch (error) {
-    entry.state = "failed";
-    entry.message = describe(error);
+    if (entry.sending?.signal.aborted) {
+      entry.state = "cancelled";
+    } else if (error instanceof ApiError && error.code === "away") {
+      entry.state = "waiting"; // until the server is back
+      pending.unshift({ entry, upload: each });
+      await new Promise((resolve) => server.addEventListener("back", resolve, { once: true }));
+    } else {
+      entry.state = "failed";
+      entry.message = describe(error);
+    }
   }
 }
 
@@ -173,8 +183,9 @@ async function remark(entry: Entry, shapeId: string): Promise<void> {
 }
 
 async function cancel(entry: Entry): Promise<void> {
+  entry.sending?.abort();
   if (entry.job) await send(`jobs/${entry.job.id}`, { method: "DELETE" }).catch(() => null);
-  else entry.state = "cancelled";
+  entry.state = "cancelled";
   draw();
 }
 
@@ -185,7 +196,7 @@ const panel = h(
   "aside",
   { class: "panel", "aria-label": "Uploads", hidden: true },
   details,
-  button("Clear the ended ones", clear, { class: "quiet" }),
+  button("Clear finished uploads", clear, { class: "quiet" }),
 );
 document.body.append(panel);
 

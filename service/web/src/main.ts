@@ -30,7 +30,7 @@ const LINKS = [
 ] as const;
 
 const nav = h("nav", { "aria-label": "Views" }, LINKS.map(([name, text]) => h("a", { href: `#/${name}` }, text)));
-const keyButton = button("Key", () => void askForKey(), { class: "quiet" });
+const keyButton = button("Key", () => void askForKey(), { class: "quiet", hidden: key() === null });
 const themeButton = button("Theme", switchTheme, { class: "quiet" });
 const header = h(
   "header",
@@ -46,6 +46,9 @@ skip.addEventListener("click", (event) => (event.preventDefault(), main.focus())
 document.body.prepend(skip, header, banner, main);
 
 const SLOW_MS = 150;
+
+// What sticks below the header needs its height.
+new ResizeObserver(() => document.documentElement.style.setProperty("--header", `${header.offsetHeight}px`)).observe(header);
 
 let current = new AbortController();
 
@@ -107,7 +110,7 @@ async function askForKey(): Promise<void> {
 }
 
 server.addEventListener("key", () => {
-  keyButton.classList.add("wanted");
+  keyButton.hidden = false;
   setKey(null);
   void askForKey();
 });

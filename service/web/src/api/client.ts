@@ -17,6 +17,7 @@ const BASE = import.meta.env.DEV ? new URL("/v1/", location.href) : new URL("../
 const KEY = "unbend.key";
 const RETRY_MS = 1000;
 const MOST_RETRIES = 30;
+const MOST_LATE = 3; // a first start compiles kernels, which may take longer than a request
 
 export class ApiError extends Error {
   constructor(
@@ -73,6 +74,7 @@ export async function send(path: string, init: RequestInit = {}, query: Query = 
       await pause(Math.min(10_000, (seconds || 1) * RETRY_MS), init.signal);
       continue;
     }
+    if (response.status === 504 && attempt < MOST_LATE && (init.method ?? "GET") === "GET") continue;
     throw await problem(response);
   }
 }

@@ -28,12 +28,12 @@ export const SEQUENTIAL = blend([
 /** Blue, grey and red (Moreland 2009), for values on both sides of a middle. */
 export const DIVERGING = blend(["#3b4cc0", "#6f92f3", "#aac7fd", "#dddcdc", "#f7b89c", "#e7745b", "#b40426"]);
 
-/** A colour for each class; classes beyond the twelfth differ in lightness too. */
+/** A colour for each class: neighbours in the list differ in hue and in lightness. */
 export function classColours(labels: readonly string[]): globalThis.Map<string, string> {
   return new globalThis.Map(
-    labels.map((label, number) => {
+    labels.filter(Boolean).map((label, number) => {
       const hue = Math.round((number * 137.508) % 360);
-      const light = [48, 36, 62][Math.floor(number / 12) % 3]!;
+      const light = [44, 60, 32][number % 3]!;
       return [label, `hsl(${hue} 62% ${light}%)`];
     }),
   );

@@ -2,6 +2,9 @@
 
 export type Point = [number, number, number];
 
+/** Direction from which the camera looks at first; of length 1. */
+export const FIRST_DIRECTION: Point = [0.5443, 0.2771, 0.7918];
+
 export function at(points: Float32Array, vertex: number): Point {
   return [points[3 * vertex]!, points[3 * vertex + 1]!, points[3 * vertex + 2]!];
 }

@@ -6,7 +6,7 @@ import {
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
-import { at, normals, pick, radius, type Point } from "./geometry";
+import { at, FIRST_DIRECTION, normals, pick, radius, type Point } from "./geometry";
 import { SEQUENTIAL, type Map } from "./colours";
 
 /** One surface in a pane. */
@@ -101,7 +101,7 @@ const UPRIGHT: Record<string, Point> = {
 const KINDS = { plain: 0, field: 1, colours: 2, texture: 3 } as const;
 
 const ANGLE = 30; // degrees that the camera sees
-const FRONT = new Vector3(0.55, 0.28, 0.8).normalize();
+const FRONT = new Vector3(...FIRST_DIRECTION);
 
 interface Pane {
   content: Content;
@@ -434,7 +434,7 @@ function tubeAlong(line: Point[], thick: number): BufferGeometry {
       if (number) {
         const now = number * SIDES;
         const [a, b] = [now + side, now + ((side + 1) % SIDES)];
-        faces.push(a - SIDES, a, b, a - SIDES, b, b - SIDES);
+        faces.push(a - SIDES, b, a, a - SIDES, b - SIDES, b);
       }
     }
   });

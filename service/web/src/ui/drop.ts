@@ -59,23 +59,24 @@ export async function offer(found: Found[]): Promise<void> {
     return;
   }
   const folders = counts(meshes.map(({ folder }) => folder).filter(Boolean));
-  const label = h("input", { type: "text", "aria-label": "Label of all files", maxlength: 200 });
+  const label = h("input", { type: "text", "aria-label": "Class of all files", maxlength: 200 });
   const choice = (value: string, text: string, checked: boolean): HTMLElement =>
     h("label", { class: "choice" }, h("input", { type: "radio", name: "labels", value, checked }), h("span", {}, text));
   const several = folders.size > 1;
   const byFolder = [...folders].slice(0, 12).map(([name, count]) => `${name} (${count})`).join(", ");
-  const one = choice("one", "One label for all:", false);
+  const one = choice("one", "One class for all:", false);
   label.addEventListener("input", () => (one.querySelector("input")!.checked = true));
   const form = h(
     "fieldset",
     {},
-    h("legend", {}, "Labels: the class that each shape is known to belong to"),
+    h("legend", {}, "Class of each shape, if you know it"),
     folders.size > 0 && choice("folder", `The name of its folder: ${byFolder}${folders.size > 12 ? ", …" : ""}`, several),
-    choice("none", "No labels", !several),
+    choice("none", "No class", !several),
     h("div", { class: "row" }, one, label),
   );
-  const others = found.length - meshes.length;
-  const remark = others > 0 && h("p", { class: "hint" }, `${plural(others, "other file")} will not be sent.`);
+  const others = found.filter(({ file }) => !isMesh(file)).map(({ file }) => file.name);
+  const named = others.slice(0, 3).join(", ") + (others.length > 3 ? ` and ${others.length - 3} more` : "");
+  const remark = others.length > 0 && h("p", { class: "hint" }, `Not a mesh, and not sent: ${named}.`);
   if (!(await ask(`Add ${plural(meshes.length, "mesh", "meshes")} to the library`, "Add", remark, form))) return;
   const chosen = form.querySelector<HTMLInputElement>("input:checked")?.value;
   const uploads = meshes.map(({ file, folder }): Upload => {

@@ -5,7 +5,7 @@ import { figure, h, select, type Child } from "./dom";
 import { thumbnail } from "./thumbnail";
 
 export const MEASURES = [
-  ["spectrum", "Spectrum"], ["combined", "Combined"], ["moments", "Moments (the paper's)"], ["distribution", "Distribution"],
+  ["spectrum", "Spectrum (recommended)"], ["combined", "Combined"], ["moments", "Moments (the paper's)"], ["distribution", "Distribution"],
   ["dimension", "Effective dimension"],
   ["surface_moments", "Moments of the surface as it stands"], ["rigid", "Best alignment of the forms"], ["hausdorff", "Hausdorff distance"],
   ["max_hausdorff", "Largest Hausdorff distance"], ["reeb", "Reeb graph"],

@@ -4,6 +4,8 @@ import { ApiError } from "../api/client";
 import { button, h, type Child } from "./dom";
 
 const SECONDS = 8;
+/** Time in which an action can be taken. */
+export const ACTION_SECONDS = 20;
 
 const stack = h("div", { class: "notices", role: "status", "aria-live": "polite" });
 document.body.append(stack);
@@ -13,22 +15,30 @@ export interface Action {
   run: () => void;
 }
 
-/** Show a message for some seconds; with an action, for as long as it can be taken. */
-export function notify(message: string, action?: Action, kind: "plain" | "error" = "plain"): () => void {
+/** Show a message for some seconds, and longer under the pointer or with the focus; `closed` is called once it is gone. */
+export function notify(message: string, action?: Action, kind: "plain" | "error" = "plain", closed?: () => void): void {
   const close = (): void => {
     clearTimeout(timer);
     notice.remove();
+    closed?.();
   };
   const notice = h(
     "div",
     { class: `notice ${kind}` },
     h("span", {}, message),
-    action && button(action.text, () => (close(), action.run()), { class: "quiet" }),
+    action && button(action.text, () => (action.run(), close()), { class: "quiet" }),
     button("×", close, { class: "quiet", "aria-label": "Close this message" }),
   );
   stack.append(notice);
-  const timer = setTimeout(close, SECONDS * 1000);
-  return close;
+  const wait = (): ReturnType<typeof setTimeout> => setTimeout(close, (action ? ACTION_SECONDS : SECONDS) * 1000);
+  let timer = wait();
+  for (const event of ["pointerenter", "focusin"]) notice.addEventListener(event, () => clearTimeout(timer));
+  for (const event of ["pointerleave", "focusout"]) {
+    notice.addEventListener(event, () => {
+      clearTimeout(timer);
+      if (notice.isConnected) timer = wait();
+    });
+  }
 }
 
 /** Show what went wrong, in the words of the service. */

@@ -2,7 +2,7 @@
 
 import { picture, type Drawing } from "../api/pictures";
 import type { Content, Viewer } from "../scene/viewer";
-import { h } from "./dom";
+import { h, type Child } from "./dom";
 
 export interface Stage {
   element: HTMLElement;
@@ -20,6 +20,7 @@ export async function stage(
   label: string,
   fallback: () => Promise<HTMLElement>,
   signal: AbortSignal,
+  captions: readonly Child[] = [],
 ): Promise<Stage> {
   const element = h("div", { class: "stage" });
   if (!hasWebGl()) {
@@ -30,7 +31,7 @@ export async function stage(
   const { Viewer } = await import("../scene/viewer");
   signal.throwIfAborted();
   const viewer = new Viewer(contents, up, label);
-  element.append(viewer.canvas);
+  element.append(viewer.canvas, h("div", { class: "captions" }, captions.map((caption) => h("div", {}, caption))));
   signal.addEventListener("abort", () => viewer.dispose());
   (element as HTMLElement & { viewer?: Viewer }).viewer = viewer; // for measurements and tests
   return { element, viewer };

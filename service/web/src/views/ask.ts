@@ -21,6 +21,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
   let measure = query.get("measure") ?? "spectrum";
   let classifier = query.get("classifier") ?? "nearest";
   let running = new AbortController();
+  let comparing = new AbortController();
 
   const drop = h(
     "div",
@@ -43,6 +44,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
   function begin(chosen: File | undefined): void {
     if (!chosen) return;
     file = chosen;
+    comparing.abort();
     comparison.replaceChildren();
     void ask();
   }
@@ -89,13 +91,14 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
   function show(ranking: Ranking): void {
     const best = ranking.classes[0];
     answer.replaceChildren(
+      h("h2", {}, file?.name ?? ""),
       verdict(ranking),
       h("div", {}, (ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, text))),
-      best ? addForm(best.label) : addForm(""),
+      addForm(best && ranking.known !== false ? best.label : ""),
       ranking.classes.length ? classes(ranking) : "",
       h("h2", {}, "Nearest shapes"),
       ranking.shapes.length
-        ? rankedList(ranking.shapes, (shape) => button("Beside it", () => void compare(shape), { class: "quiet", "aria-label": `Show ${shape.name} beside the mesh` }))
+        ? rankedList(ranking.shapes, (shape) => button("Compare", () => void compare(shape), { class: "quiet", "aria-label": `Compare ${shape.name} with the mesh` }))
         : h("p", { class: "hint" }, "The library has no shape to compare with."),
     );
   }
@@ -112,19 +115,26 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
 
   async function compare(shape: Ranking["shapes"][number]): Promise<void> {
     if (!file) return;
+    const asked = file; // another may be asked about before the views are here
+    comparing.abort();
+    comparing = new AbortController();
+    const mine = comparing.signal;
+    signal.addEventListener("abort", () => comparing.abort());
     comparison.replaceChildren(h("p", { class: "hint loading" }, "Computing the view …"));
     comparison.scrollIntoView({ block: "nearest" });
     try {
       const [own, other] = await Promise.all([
-        send("views", { method: "POST", body: form(file), signal }).then((response) => response.arrayBuffer()),
-        getBytes(`shapes/${shape.id}/view`, {}, signal),
+        send("views", { method: "POST", body: form(asked), signal: mine }).then((response) => response.arrayBuffer()),
+        getBytes(`shapes/${shape.id}/view`, {}, mine),
       ]);
-      const title = `${file.name} and ${shape.name}`;
+      const title = `${asked.name} and ${shape.name}`;
       const fallback = (): Promise<HTMLElement> => pictureOf(shape.id, shape.name, { width: 480, height: 480 });
-      const shown = await beside(readGlb(own), readGlb(other), title, fallback, signal);
-      comparison.replaceChildren(h("h2", {}, title), h("div", { class: "captions" }, h("span", {}, file.name), h("span", {}, shape.name)), shown);
+      const shown = await beside(readGlb(own), readGlb(other), title, fallback, mine, [asked.name, shape.name]);
+      if (mine.aborted) return;
+      comparison.replaceChildren(h("h2", {}, title), shown);
       comparison.scrollIntoView({ block: "nearest" });
     } catch (error) {
+      if (mine.aborted) return;
       comparison.replaceChildren();
       report(error);
     }
@@ -141,7 +151,7 @@ function verdict(ranking: Ranking): HTMLElement {
       "div",
       { class: "verdict unknown" },
       h("strong", {}, "Unknown"),
-      h("p", {}, `It is farther from every class than members of a class are from each other. The nearest class is ${best.label}.`),
+      h("p", {}, `It is farther from every class than members of a class are from each other. The nearest class is ${best.label}, at a distance of ${figure(best.distance)}.`),
     );
   }
   const words =
@@ -155,7 +165,7 @@ function classes(ranking: Ranking): HTMLElement {
   return h(
     "table",
     { class: "classes" },
-    h("caption", {}, "Classes, the nearest first"),
+    h("caption", {}, "Classes, the nearest first. Confidence is the probability of a class, if the mesh belongs to any of them."),
     h("thead", {}, h("tr", {}, ["Class", "Confidence", "Distance"].map((text) => h("th", { scope: "col" }, text)))),
     h(
       "tbody",

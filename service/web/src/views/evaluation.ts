@@ -2,14 +2,15 @@
 
 import { ApiError, getJson, type Evaluation, type ShapePage } from "../api/client";
 import type { View } from "../main";
-import { figure, field, h, percent, plural, svg } from "../ui/dom";
-import { measures, rankByShape, VECTOR_MEASURES } from "../ui/nearest";
+import { field, h, percent, plural, svg } from "../ui/dom";
+import { MEASURES, measures, rankByShape, VECTOR_MEASURES } from "../ui/nearest";
 import { report } from "../ui/notices";
 import { thumbnail } from "../ui/thumbnail";
 
 const METRICS = [
   ["nn", "Nearest neighbour"], ["ft", "First tier"], ["st", "Second tier"], ["e", "E-measure"], ["dcg", "DCG"], ["map", "Mean average precision"],
 ] as const;
+const NAMES = new Map<string, string>(MEASURES);
 const MOST_CLASSES = 60;
 const AT_ONCE = 2;
 
@@ -29,10 +30,12 @@ export function evaluationView(_: string[], query: URLSearchParams, signal: Abor
     "section",
     { class: "evaluation" },
     h("h1", {}, "Evaluation"),
-    h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Metrics" }, table),
-    h("div", { class: "row" }, field("Details of", measures(VECTOR_MEASURES, measure, (name) => ((measure = name), void detail())))),
+    h("p", {}, "How often does the library find the class of its own shapes?"),
+    h("div", { class: "row" }, field("By the measure", measures(VECTOR_MEASURES, measure, (name) => ((measure = name), void detail())))),
     details,
     mistakes,
+    h("h2", {}, "All measures"),
+    h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Metrics" }, table),
   );
 
   const known = new Map<string, Promise<Evaluation>>();
@@ -44,10 +47,11 @@ export function evaluationView(_: string[], query: URLSearchParams, signal: Abor
 
   async function all(): Promise<void> {
     for (const name of VECTOR_MEASURES) {
-      const row = h("tr", {}, h("th", { scope: "row" }, name), h("td", { colspan: METRICS.length, class: "hint" }, "computing …"));
+      const words = NAMES.get(name) ?? name;
+      const row = h("tr", {}, h("th", { scope: "row" }, words), h("td", { colspan: METRICS.length, class: "hint" }, "computing …"));
       overview.append(row);
       const found = await evaluation(name);
-      row.replaceChildren(h("th", { scope: "row" }, name), ...METRICS.map(([key]) => h("td", {}, figure(found[key]))));
+      row.replaceChildren(h("th", { scope: "row" }, words), ...METRICS.map(([key]) => h("td", {}, found[key]?.toFixed(3) ?? "–")));
     }
   }
 

@@ -2,7 +2,7 @@
 
 import { getBytes, getJson, type Shape } from "../api/client";
 import type { View } from "../main";
-import { at, centred, distance, radius } from "../scene/geometry";
+import { at, centred, distance, FIRST_DIRECTION, radius, type Point } from "../scene/geometry";
 import { readGlb, type Mesh } from "../scene/glb";
 import { field, h, percent, select } from "../ui/dom";
 import { notify } from "../ui/notices";
@@ -18,20 +18,22 @@ export async function flattenView(parts: string[], _: URLSearchParams, signal: A
   const mesh = readGlb(await getBytes(`shapes/${id}/flattening`, { format: "glb" }, signal));
   const uv = mesh.uv!;
   const flat = new Float32Array(mesh.positions.length);
-  for (let vertex = 0; vertex < uv.length / 2; vertex++) flat.set([uv[2 * vertex]!, 0, uv[2 * vertex + 1]!], 3 * vertex);
+  for (let vertex = 0; vertex < uv.length / 2; vertex++) flat.set([uv[2 * vertex]!, uv[2 * vertex + 1]!, 0], 3 * vertex);
   const { stretch, mean } = distortion(mesh, flat);
-  const surface = centred(mesh.positions);
+  const surface = standing(centred(mesh.positions));
   const size = radius(surface) || 1;
   const contents = [
     { positions: surface.map((value) => value / size), faces: mesh.faces, uv },
-    { positions: upright(centred(flat)), faces: mesh.faces, uv },
+    { positions: facing(centred(flat)), faces: mesh.faces, uv },
   ];
   const label = `${shape.name} and its flattening`;
   const fallback = (): Promise<HTMLElement> => pictureOf(id, shape.name, { width: 640, height: 480 });
-  const { element, viewer } = await stage(contents, "z", label, fallback, signal);
+  const { element, viewer } = await stage(contents, "y", label, fallback, signal, ["surface", "in the plane"]);
   const { DIVERGING } = await import("../scene/colours");
 
+  const explained = h("span", {}, " Red edges are longer in the plane than on the surface, blue ones shorter.");
   const paint = (name: string): void => {
+    explained.hidden = name !== "stretch";
     if (name === "stretch") viewer?.colour({ kind: "field", values: stretch, low: -0.5, high: 0.5, map: DIVERGING, contours: 0 });
     else if (name !== "file") viewer?.colour({ kind: "texture", image: TEXTURES[name]!() });
   };
@@ -55,7 +57,7 @@ export async function flattenView(parts: string[], _: URLSearchParams, signal: A
     (name) => (name === "file" ? own.click() : paint(name)),
   );
   paint("checks");
-  const words = `Mean distortion of edges: ${percent(mean)}. Red edges are longer in the plane than on the surface, blue ones shorter.`;
+  const words = `Mean distortion of edges: ${percent(mean)}.`;
   return {
     title: `${shape.name}, flattened`,
     element: h(
@@ -64,18 +66,29 @@ export async function flattenView(parts: string[], _: URLSearchParams, signal: A
       h("a", { href: `#/shape/${id}`, class: "quiet" }, "← The shape"),
       h("h1", {}, `${shape.name}, flattened`),
       element,
-      h("div", { class: "captions", "aria-hidden": "true" }, h("span", {}, "surface"), h("span", {}, "in the plane")),
-      h("p", { class: "hint" }, words),
+      h("p", { class: "hint" }, words, explained),
       h("div", { class: "row" }, field("Texture", choice), own, saveButton("Download with texture coordinates", `shapes/${id}/flattening`, { format: "obj" })),
       closed(mesh) && h("p", { class: "warning" }, "This surface is closed, so its flattening folds over itself. An open patch flattens well."),
     ),
   };
 }
 
-/** The plane stands before the camera: the flat surface faces it. */
-function upright(points: Float32Array): Float32Array {
+/** Turn the z axis upwards: most files of open patches are so. */
+function standing(points: Float32Array): Float32Array {
+  return points.map((_, i) => (i % 3 === 0 ? points[i]! : i % 3 === 1 ? points[i + 1]! : -points[i - 1]!));
+}
+
+/** Turn the plane so that it faces the camera in its first place. */
+function facing(points: Float32Array): Float32Array {
   const size = radius(points) || 1;
-  return points.map((value) => value / size);
+  const front = FIRST_DIRECTION;
+  const across = Math.hypot(front[0], front[2]);
+  const right: Point = [front[2] / across, 0, -front[0] / across];
+  const up: Point = [(-front[1] * front[0]) / across, across, (-front[1] * front[2]) / across];
+  return points.map((_, i) => {
+    const vertex = i - (i % 3);
+    return (points[vertex]! * right[i % 3]! + points[vertex + 1]! * up[i % 3]!) / size;
+  });
 }
 
 /** Return, for each vertex, the logarithm of how much longer its edges are in the plane, and the mean of all edges. */

@@ -13,7 +13,6 @@ const FIRST_PAGE = 60;
 const PAGE = 500;
 const MOST = 20_000;
 const CARD = { width: 176, height: 236, gap: 12 };
-const UNDO_SECONDS = 8;
 
 /** What the grid needs of a shape. */
 interface Card {
@@ -153,6 +152,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
       "div",
       { class: "empty" },
       h("h2", {}, "This library is empty"),
+      h("p", {}, "unbend recognises shapes however they bend: add some, then ask what another mesh is."),
       h("p", {}, "Drop mesh files or a whole folder here: off, obj, ply, stl or glb."),
       h(
         "div",
@@ -337,7 +337,6 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     arrange();
     const finish = (): void => {
       removeEventListener("pagehide", finish);
-      clearTimeout(timer);
       for (const card of of) {
         const headers: HeadersInit = key() ? { Authorization: `Bearer ${key()}` } : {};
         fetch(url(`shapes/${card.id}`), { method: "DELETE", keepalive: true, headers })
@@ -347,10 +346,10 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
           .catch((error: unknown) => (report(error), removing.delete(card.id)));
       }
     };
-    const timer = setTimeout(finish, UNDO_SECONDS * 1000);
     addEventListener("pagehide", finish);
+    let undone = false;
     const undo = (): void => {
-      clearTimeout(timer);
+      undone = true;
       removeEventListener("pagehide", finish);
       for (const card of of) {
         removing.delete(card.id);
@@ -358,7 +357,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
       }
       arrange();
     };
-    notify(`${plural(of.length, "shape")} removed.`, { text: "Undo", run: undo });
+    notify(`${plural(of.length, "shape")} removed.`, { text: "Undo", run: undo }, "plain", () => undone || finish());
   }
 
   takesDrops(element, (found) => void offer(found), signal);

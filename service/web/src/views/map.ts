@@ -23,6 +23,7 @@ export function mapView(_: string[], query: URLSearchParams, signal: AbortSignal
   let measure = query.get("measure") ?? "spectrum";
   let dimensions = Number(query.get("dimensions") ?? 2) === 3 ? 3 : 2;
   const plots = h("div", { class: "plots" });
+  const selecting = h("input", { type: "checkbox" });
   const legend = h("ul", { class: "classes-legend" });
   const words = h("p", { class: "hint", "aria-live": "polite" });
   const picked = h("div", { class: "selection", hidden: true, role: "region", "aria-label": "Selected shapes" });
@@ -36,12 +37,13 @@ export function mapView(_: string[], query: URLSearchParams, signal: AbortSignal
       { class: "row" },
       field("Measure", measures(VECTOR_MEASURES, measure, (name) => ((measure = name), reload()))),
       field("Dimensions", select([["2", "2"], ["3", "3"]], String(dimensions), (value) => ((dimensions = Number(value)), reload()))),
-      h("p", { class: "hint" }, "Drag moves or turns, the wheel zooms, a click opens a shape; with Shift a drag selects."),
+      h("label", { class: "choice" }, selecting, h("span", {}, "Select by dragging")),
+      h("p", { class: "hint" }, "A drag moves or turns, or selects with Shift; the wheel zooms; a click opens a shape."),
     ),
     words,
-    plots,
-    picked,
     legend,
+    picked,
+    plots,
     list,
   );
   let version = 0;
@@ -67,15 +69,15 @@ export function mapView(_: string[], query: URLSearchParams, signal: AbortSignal
     const choose = (ids: string[]): void => ((state.selected = new Set(ids)), redraw(), showSelection(found.items, state.selected, redraw));
     const hover = (item: Item | null): void => ((state.hovered = item), redraw());
     const all = [
-      scatter(`By their signatures (stress ${figure(found.stress)})`, found.items, (item) => item.point, state, hover, choose, signal),
-      scatter(`By their surfaces as they stand (stress ${figure(found.original_stress)})`, found.items, (item) => item.original, state, hover, choose, signal),
+      scatter(`By their signatures (stress ${figure(found.stress)})`, found.items, (item) => item.point, state, hover, choose, () => selecting.checked, signal),
+      scatter(`By their surfaces as they stand (stress ${figure(found.original_stress)})`, found.items, (item) => item.original, state, hover, choose, () => selecting.checked, signal),
     ];
     plots.replaceChildren(...all.map((plot) => plot.element));
     picked.hidden = true;
     legend.replaceChildren(
       ...labels.slice(0, 60).map((label) => {
         const swatch = h("span", { class: "swatch" });
-        swatch.style.background = colours.get(label)!;
+        swatch.style.background = colours.get(label) ?? "currentColor";
         const box = h("input", {
           type: "checkbox", checked: true,
           onchange: () => (box.checked ? state.hidden.delete(label) : state.hidden.add(label), redraw()),
@@ -104,12 +106,24 @@ export function mapView(_: string[], query: URLSearchParams, signal: AbortSignal
   async function relabel(items: Item[], redraw: () => void): Promise<void> {
     const input = h("input", { type: "text", maxlength: 200 });
     if (!(await ask(`Class of ${plural(items.length, "shape")}`, "Set", field("Class", input, "Leave it empty for none.")))) return;
+    const before = items.map((item) => item.label);
+    const label = input.value.trim() || null;
+    if (await change(items, items.map(() => label), redraw)) {
+      notify(`${plural(items.length, "shape")} changed.`, { text: "Undo", run: () => void change(items, before, redraw) });
+    }
+  }
+
+  async function change(items: Item[], labels: (string | null)[], redraw: () => void): Promise<boolean> {
     try {
-      for (const item of items) item.label = (await sendJson<Shape>("PATCH", `shapes/${item.id}`, { label: input.value.trim() || null })).label;
-      notify(`${plural(items.length, "shape")} changed.`);
-      redraw();
+      for (const [number, item] of items.entries()) {
+        item.label = (await sendJson<Shape>("PATCH", `shapes/${item.id}`, { label: labels[number]! })).label;
+      }
+      return true;
     } catch (error) {
       report(error);
+      return false;
+    } finally {
+      redraw();
     }
   }
 
@@ -136,6 +150,7 @@ function scatter(
   state: State,
   hover: (item: Item | null) => void,
   choose: (ids: string[]) => void,
+  selects: () => boolean,
   signal: AbortSignal,
 ): Plot {
   const canvas = h("canvas", { role: "img", "aria-label": `${title}: ${plural(items.length, "shape")}. The list below has them all.` });
@@ -224,7 +239,7 @@ function scatter(
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     start = { x: event.offsetX, y: event.offsetY, moved: false };
-    if (event.shiftKey) lasso = [[event.offsetX, event.offsetY]];
+    if (event.shiftKey || selects()) lasso = [[event.offsetX, event.offsetY]];
   });
   canvas.addEventListener("pointermove", (event) => {
     const [x, y] = [event.offsetX, event.offsetY];

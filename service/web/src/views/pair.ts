@@ -15,7 +15,7 @@ export async function pairView(parts: string[], _: URLSearchParams, signal: Abor
   const title = `${first.name} and ${second.name}`;
   const fallback = async (): Promise<HTMLElement> =>
     h("div", { class: "row" }, await Promise.all(shapes.map(({ id, name }) => pictureOf(id, name, { width: 480, height: 480 }))));
-  const shown = await beside(readGlb(views[0]!), readGlb(views[1]!), title, fallback, signal);
   const captions = shapes.map(({ id, name, label }) => h("a", { href: `#/shape/${id}` }, label ? `${name} (${label})` : name));
-  return { title, element: h("section", { class: "pair" }, h("h1", {}, title), h("div", { class: "captions" }, captions), shown) };
+  const shown = await beside(readGlb(views[0]!), readGlb(views[1]!), title, fallback, signal, captions);
+  return { title, element: h("section", { class: "pair" }, h("h1", {}, title), shown) };
 }

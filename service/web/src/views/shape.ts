@@ -13,6 +13,13 @@ import { pictureOf, stage } from "../ui/stage";
 const UNKNOWN = 3.4e38; // the shader leaves such values uncoloured
 const CONTOURS = 18;
 const NEAREST = 12;
+const MEANINGS: Record<string, string> = {
+  Stress: "How much distances in the signature differ from those along the surface: 0 if not at all",
+  "Energy captured": "Share of the squared distances that the signature's dimensions represent",
+  "Effective dimension": "Dimensions that the surface would need for an error of 5 %",
+  Samples: "Points of the surface between which distances were measured",
+  Method: "How the samples were placed",
+};
 const AXES = ["y", "z", "x", "-y", "-z", "-x"];
 
 export async function shapeView(parts: string[], query: URLSearchParams, signal: AbortSignal): Promise<View> {
@@ -64,10 +71,16 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
     { positions: mesh.positions, faces: mesh.faces, form },
     { positions: mesh.positions, faces: mesh.faces, form, bend: 1 },
   ];
+  // Files do not say which axis points upwards: a person's choice counts more than a guess.
+  const up = localStorage.getItem(`unbend.up.${shape.id}`) ?? mesh.about.up ?? "z";
   const label = `The surface of ${shape.name} beside its signature. Arrow keys turn them.`;
   const both = (): Promise<HTMLElement> => pictureOf(shape.id, label, { subject: "both", width: 960, height: 540 });
-  const { element, viewer } = await stage(contents, mesh.about.up ?? "z", label, both, signal);
+  const { element, viewer } = await stage(contents, up, label, both, signal, ["surface", "signature"]);
 
+  const stand = (axis: string): void => {
+    localStorage.setItem(`unbend.up.${shape.id}`, axis);
+    viewer?.setUp(axis);
+  };
   const byNumber = new Map<number, number>();
   mesh.numbers!.forEach((number, vertex) => byNumber.set(number, vertex));
   const areas = vertexAreas(mesh.positions, mesh.faces);
@@ -230,14 +243,13 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
       h("button", { class: "plain" }, "Measure"),
       button("Clear", clear, { class: "quiet" }),
     ),
-    lengths,
-    viewer && h("div", { class: "row" }, field("Patch", patch), patchWords),
+    viewer && h("div", { class: "row" }, field("Patch around the first point", patch), patchWords),
     viewer &&
       h(
         "div",
         { class: "row" },
         button("Reset the view", () => viewer.reset(), { class: "quiet" }),
-        select(AXES.map((axis) => [axis, `${axis.toUpperCase()} is up`] as const), mesh.about.up ?? "z", (axis) => viewer.setUp(axis), { "aria-label": "Upright axis" }),
+        select(AXES.map((axis) => [axis, `${axis.toUpperCase()} is up`] as const), up, stand, { "aria-label": "Upright axis" }),
         h("a", { href: `#/flatten/${shape.id}`, class: "quiet" }, "Flatten it"),
       ),
   );
@@ -255,8 +267,8 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
     "div",
     {},
     element,
-    h("div", { class: "captions", "aria-hidden": "true" }, h("span", {}, "surface"), h("span", {}, "signature")),
     legend,
+    lengths,
     full > faces && h("p", { class: "hint" }, `Simplified for this view: ${faces.toLocaleString("en")} of ${plural(full, "face")}. Distances are those of the whole surface.`),
     viewer && h("p", { class: "hint" }, "Click a point for the distances from it, and another for the shortest path."),
     panel,
@@ -309,7 +321,7 @@ async function numbers(shape: Shape, signal: AbortSignal): Promise<HTMLElement> 
 }
 
 function table(rows: [string, string][]): HTMLElement {
-  return h("dl", {}, rows.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))));
+  return h("dl", {}, rows.map(([name, value]) => h("div", { title: MEANINGS[name] }, h("dt", {}, name), h("dd", {}, value))));
 }
 
 function downloads(shape: Shape): HTMLElement {

@@ -27,7 +27,15 @@ settings.register_profile(
 settings.load_profile("unbend")
 
 
-SLOWEST = ("test_main_job.py", "test_contract.py", "test_commands.py", "test_ends.py", "test_hostile_clients.py")
+SLOWEST = (
+    "test_page.py",
+    "test_everywhere.py",
+    "test_main_job.py",
+    "test_contract.py",
+    "test_commands.py",
+    "test_ends.py",
+    "test_hostile_clients.py",
+)
 """The slowest test files. They start first, so that no test process is idle at the end."""
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.support.commands import in_process, failed_with_a_sentence, succeeded
+from tests.support.commands import failed_with_a_sentence, in_process, succeeded
 from tests.support.server import ply
 from unbend import Parameters, canonical_form, read_mesh
 from unbend.mesh.shapes import torus

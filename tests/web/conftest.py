@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, expect, sync_playwright
 
@@ -117,3 +118,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory, real_folder: Path, chromium
             if path != min(path.parent.iterdir()):
                 stored(http, path.read_bytes(), file_name=path.name, label=path.parent.name)
         yield server
+
+
+def shape_id(server: Server, **query: str) -> str:
+    return httpx.get(f"{server.url}/v1/shapes", params=query, timeout=60).json()["items"][0]["id"]

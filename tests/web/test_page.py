@@ -9,11 +9,10 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
 from tests.support.server import DAMAGED, Server, small_mesh, stored
-from tests.web.conftest import OpenPage, Watched
+from tests.web.conftest import OpenPage, Watched, shape_id
 from unbend.library import Library
 from unbend.mesh.shapes import sheet
 from unbend.mesh.write import write_mesh
@@ -45,14 +44,17 @@ def empty(tmp_path: Path, chromium: Browser) -> Server:
         yield server
 
 
+@pytest.fixture(scope="module")
+def unused(tmp_path_factory: pytest.TempPathFactory, chromium: Browser) -> Server:
+    """A server in which no test stores a shape."""
+    with Server(tmp_path_factory.mktemp("unused"), workers=1) as server:
+        yield server
+
+
 def choose(page: Page, button: str, files: object) -> None:
     with page.expect_file_chooser() as chooser:
         page.get_by_role("button", name=button).first.click()
     chooser.value.set_files(files)
-
-
-def shape_id(server: Server, **query: str) -> str:
-    return httpx.get(f"{server.url}/v1/shapes", params=query, timeout=60).json()["items"][0]["id"]
 
 
 def first_file(folder: Path, label: str) -> Path:
@@ -74,8 +76,8 @@ def test_a_folder_is_uploaded_labelled_and_drawn(empty: Server, open_page: OpenP
     assert sorted(labels) == sorted(["ants", "cat", "hand"] * 4)
 
 
-def test_a_file_that_fails_says_why(empty: Server, open_page: OpenPage, tmp_path: Path) -> None:
-    page = open_page(empty.url)
+def test_a_file_that_fails_says_why(unused: Server, open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(unused.url)
     damaged = tmp_path / "damaged.off"
     damaged.write_bytes(DAMAGED)
     choose(page, "Add files", damaged)
@@ -84,8 +86,8 @@ def test_a_file_that_fails_says_why(empty: Server, open_page: OpenPage, tmp_path
     expect(page.locator(".jobs .error")).to_contain_text(re.compile(r"line|end|file", re.IGNORECASE))
 
 
-def test_other_files_are_named_and_not_sent(empty: Server, open_page: OpenPage, tmp_path: Path) -> None:
-    page = open_page(empty.url)
+def test_other_files_are_named_and_not_sent(unused: Server, open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(unused.url)
     notes = tmp_path / "notes.txt"
     notes.write_text("no mesh")
     choose(page, "Add files", notes)
@@ -233,6 +235,7 @@ def test_the_map_shows_the_shapes(filled: Server, open_page: OpenPage, dimension
 def test_a_lasso_selects_on_the_map(filled: Server, open_page: OpenPage) -> None:
     page = open_page(f"{filled.url}/#/map")
     canvas = page.locator(".canvas canvas").first
+    expect(canvas).to_be_visible()
     page.wait_for_function(f"() => ({PAINTED})(document.querySelector('.canvas canvas')).share[0] > 0")
     box = canvas.bounding_box()
     corners = [(4, 4), (box["width"] - 4, 4), (box["width"] - 4, box["height"] - 4), (4, box["height"] - 4)]
@@ -387,6 +390,7 @@ def test_keys_are_asked_for_and_their_limits_said(tmp_path: Path, open_page: Ope
         page.reload()  # the session keeps the key
         expect(page.locator("li.card img[src]")).to_have_count(1)
         assert page.evaluate("() => JSON.stringify(localStorage)").find(secret) < 0
+        page.close()
 
 
 def test_a_server_that_is_killed_comes_back_under_the_page(
@@ -410,88 +414,13 @@ def test_a_server_that_is_killed_comes_back_under_the_page(
         expect(page.locator("li.card")).to_have_count(2)  # the stream is followed again
 
 
-def test_behind_a_path_prefix(tmp_path: Path, open_page: OpenPage) -> None:
-    with Server(tmp_path / "prefixed", root_path="/tools/shapes") as server:
-        for address in ("/tools/shapes", "/tools/shapes/"):
-            page = open_page(server.url + address)
-            expect(page.get_by_text("This library is empty")).to_be_visible()
+def test_a_view_is_a_glb_file_with_the_form(filled: Server, shared_data: Path) -> None:
+    data = httpx.get(f"{filled.url}/v1/shapes/{shape_id(filled, label='cat')}/view", timeout=60).content
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
 
 
-def test_without_webgl_pictures_are_shown(filled: Server, open_page: OpenPage) -> None:
-    page = open_page("about:blank")
-    page.context.add_init_script(
-        "const get = HTMLCanvasElement.prototype.getContext;"
-        "HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {"
-        "  return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest); };"
-    )
-    page.goto(f"{filled.url}/#/shape/{shape_id(filled, label='cat')}?from=3&to=90")
-    expect(page.locator("img.fallback")).to_be_visible()
-    expect(page.get_by_text("does not draw in 3-D")).to_be_visible()
-    expect(page.locator(".lengths b")).to_have_count(2)  # measuring works by numbers
-
-
-VIEWS = ("library", "ask", "map", "evaluation", "shape", "flatten")
-
-
-def view_address(server: Server, view: str) -> str:
-    part = f"/{shape_id(server, label='cat')}" if view in {"shape", "flatten"} else ""
-    return f"{server.url}/#/{view}{part}"
-
-
-def settled(page: Page, view: str) -> None:
-    """Wait until a view shows what it is about."""
-    shown = {
-        "library": "li.card img[src]", "ask": ".drop", "map": ".classes-legend li", "evaluation": ".confusion .cell",
-        "shape": ".ranked li", "flatten": ".stage canvas",
-    }  # fmt: skip
-    expect(page.locator(shown[view]).first).to_be_visible()
-    if view == "shape":
-        expect(page.locator(".stage canvas")).to_be_visible()
-
-
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("view", VIEWS)
-def test_axe_finds_nothing_serious(filled: Server, open_page: OpenPage, view: str, dark: bool) -> None:
-    # The page's content policy forbids the inline script of axe.
-    page = open_page(view_address(filled, view), dark=dark, bypass_csp=True, reduced_motion="reduce")
-    settled(page, view)
-    found = Axe().run(page).response["violations"]
-    serious = [
-        (each["id"], [node["html"][:120] for node in each["nodes"]])
-        for each in found
-        if each["impact"] in {"serious", "critical"}
-    ]
-    assert serious == []
-
-
-@pytest.mark.parametrize("width", [360, 2560])
-@pytest.mark.parametrize("view", VIEWS)
-def test_every_width_shows_everything(filled: Server, open_page: OpenPage, view: str, width: int) -> None:
-    page = open_page(view_address(filled, view), width=width, height=740)
-    settled(page, view)
-    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
-
-
-def test_the_theme_is_remembered(filled: Server, open_page: OpenPage) -> None:
-    page = open_page(filled.url)
-    page.get_by_role("button", name="Theme").click()
-    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
-    page.reload()
-    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
-
-
-def test_the_form_of_the_api_documentation_sends_no_example_values(
-    filled: Server, open_page: OpenPage, watched: Watched
-) -> None:
-    watched.expected = ("escaping deep link whitespace",)
-    page = open_page(f"{filled.url}/docs#/shapes/upload_shape")
-    page.get_by_role("button", name="Try it out").first.click()
-    fields = page.locator(".opblock.is-open textarea, .opblock.is-open input[type=text]")
-    expect(fields.nth(5)).to_be_visible()
-    assert set(fields.evaluate_all("all => all.map(each => each.value.trim())")) == {"", "{}"}
-
-
-def test_the_grid_holds_only_what_is_visible(empty: Server, open_page: OpenPage) -> None:
+def test_the_grid_holds_only_what_is_visible(unused: Server, open_page: OpenPage) -> None:
     """A library of thousands scrolls, because only the visible cards are in the document."""
     shapes = [
         {
@@ -505,15 +434,9 @@ def test_the_grid_holds_only_what_is_visible(empty: Server, open_page: OpenPage)
         lambda route: route.fulfill(json={"items": shapes, "next_cursor": None}),
     )
     page.route(re.compile(r"/thumbnail(\?|$)"), lambda route: route.fulfill(body=b"", content_type="image/webp"))
-    page.goto(empty.url)
+    page.goto(unused.url)
     expect(page.get_by_text("3,000 shapes")).to_be_visible()
     assert page.locator("li.card").count() < 80
     page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
     expect(page.locator("li.card a.name", has_text=re.compile("^shape 2999$"))).to_be_visible()
     assert page.locator("li.card").count() < 80
-
-
-def test_a_view_is_a_glb_file_with_the_form(filled: Server, shared_data: Path) -> None:
-    data = httpx.get(f"{filled.url}/v1/shapes/{shape_id(filled, label='cat')}/view", timeout=60).content
-    magic, version, length = struct.unpack_from("<4sII", data)
-    assert (magic, version, length) == (b"glTF", 2, len(data))

@@ -9,7 +9,7 @@ const MOST_ATTEMPTS = 4;
 
 export function thumbnail(shapeId: string, alternative: string, drawing: Drawing = {}): HTMLElement {
   const image = h("img", { alt: "", width: drawing.width ?? 256, height: drawing.height ?? 256, draggable: "false" });
-  const frame = h("span", { class: "thumbnail", role: "img", "aria-label": alternative }, image);
+  const frame = h("span", alternative ? { class: "thumbnail", role: "img", "aria-label": alternative } : { class: "thumbnail" }, image);
   const load = async (attempt = 0): Promise<void> => {
     try {
       const link = await picture(shapeId, drawing, () => frame.isConnected);

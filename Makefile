@@ -10,6 +10,8 @@ BIN := .venv/bin
 .PHONY: serve test lint types layers check bench reliability openapi clean clean-kernels
 
 serve: .venv/run
+	@echo "Compiling the kernels: about a minute at the first start."
+	@$(BIN)/python -c "from unbend.jobs.worker import warm_up; warm_up()"
 	$(BIN)/unbend demo --library demo.db
 	$(BIN)/unbend serve --library demo.db --host $(HOST) --port $(PORT)
 
@@ -54,10 +56,12 @@ clean: clean-kernels
 	touch $@
 
 .venv/run: .venv/python pyproject.toml
+	@echo "Installing unbend and building its page: a minute or more, without output."
 	$(BIN)/pip install --quiet --editable .
 	touch $@
 
 .venv/test: .venv/python pyproject.toml
+	@echo "Installing unbend, its page and the tools of the tests: minutes, without output."
 	$(BIN)/pip install --quiet --editable '.[test]'
 	touch $@ .venv/run
 

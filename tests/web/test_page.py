@@ -82,7 +82,7 @@ def test_a_file_that_fails_says_why(unused: Server, open_page: OpenPage, tmp_pat
     damaged.write_bytes(DAMAGED)
     choose(page, "Add files", damaged)
     page.get_by_role("button", name="Add", exact=True).click()
-    expect(page.get_by_text("1 of 1 upload done, 1 failed")).to_be_visible()
+    expect(page.get_by_text("0 of 1 upload done, 1 failed")).to_be_visible()
     expect(page.locator(".jobs .error")).to_contain_text(re.compile(r"line|end|file", re.IGNORECASE))
 
 

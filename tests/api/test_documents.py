@@ -64,8 +64,10 @@ def test_every_documented_operation_answers_with_a_documented_status(http, docum
     asked = 0
     for path, method, operation in operations(document):
         url = re.sub(r"\{\w+\}", "nobody", path)
-        response = http.request(method, url)
-        assert str(response.status_code) in operation["responses"], (method, url, response.status_code, response.text)
+        with http.stream(method, url) as response:  # the stream of all jobs has no end
+            if response.is_error:
+                response.read()
+        assert str(response.status_code) in operation["responses"], (method, url, response.status_code)
         if response.is_error:
             assert response.headers["content-type"] == "application/problem+json"
             assert response.json()["code"] != "method_not_allowed", (method, url)

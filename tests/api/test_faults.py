@@ -90,7 +90,7 @@ def test_an_unexpected_error_reveals_only_the_request_id(own_server):
     problem = check(response, 500, "error")
     assert problem == {
         "type": "about:blank", "title": "Internal Server Error", "status": 500, "code": "error", "advice": "",
-        "detail": "The service failed; its log says why.", "errors": [],
+        "detail": "The service failed; its log has the cause.", "errors": [],
     }  # fmt: skip
     assert response.headers["content-type"] == MEDIA_TYPE
     assert response.headers["x-request-id"] == "the-one"

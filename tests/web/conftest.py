@@ -26,7 +26,8 @@ def _missing(reason: str) -> None:
     pytest.skip(reason)
 
 
-@pytest.fixture(scope="session")
+# Not for the session: Playwright's event loop would run on, and no other test could start one.
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     """Debian's Chromium, or another one on the path."""
     if not (FOLDER / "index.html").is_file():
@@ -110,7 +111,7 @@ def real_folder(tmp_path_factory: pytest.TempPathFactory, labelled: Callable) ->
     return folder
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def filled(tmp_path_factory: pytest.TempPathFactory, real_folder: Path, chromium: Browser) -> Iterator[Server]:
     """A server with real shapes: all of the folder but the first of each class."""
     with Server(tmp_path_factory.mktemp("filled")) as server, server.http() as http:

@@ -48,7 +48,7 @@ clean-kernels:
 	find service -name '*.nb[ic]' -delete
 
 clean: clean-kernels
-	rm -rf .venv demo.db demo.db-wal demo.db-shm
+	rm -rf .venv demo.db demo.db-wal demo.db-shm service/unbend/api/page service/web/node_modules
 
 .venv/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unbend needs Python 3.11 or newer: make PYTHON=...")'

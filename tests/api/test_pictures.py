@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from tests.support.server import SAMPLES, Server, ply, post_mesh, small_mesh, stored
-from unbend import canonical_form, compute_signature, geodesic_distances, read_mesh
+from unbend import Parameters, canonical_form, compute_signature, geodesic_distances, read_mesh
 from unbend.api.routes.page import FOLDER
 from unbend.mesh.shapes import torus
 
@@ -98,7 +98,7 @@ def test_a_view_has_the_surface_and_the_canonical_form(http, ring):
     assert (about["dimensions"], about["faces"], about["full_faces"]) == (3, len(surface.faces), len(surface.faces))
     numbers = arrays["_VERTEX"][:, 0].astype(int)
     assert arrays["POSITION"] + about["centre"] == pytest.approx(surface.vertices[numbers], abs=1e-6)
-    signature = compute_signature(surface, parameters=type(compute_signature(surface).parameters)(**SAMPLES))
+    signature = compute_signature(surface, Parameters(**SAMPLES))
     whole = canonical_form(surface, signature=signature).points * signature.scale
     expected = np.linalg.norm(whole[numbers][:, None] - whole[numbers], axis=2)
     found = np.linalg.norm(arrays["_FORM"][:, None] - arrays["_FORM"], axis=2)

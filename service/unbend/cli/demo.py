@@ -28,27 +28,24 @@ def demo(library: str | None, folder: Path | None) -> None:
 def _store(url: str) -> int:
     from unbend.library import Library  # noqa: PLC0415
     from unbend.mesh.shapes import DEMO_COUNT, demo_shapes  # noqa: PLC0415
-    from unbend.mesh.write import write_mesh  # noqa: PLC0415
 
     with Library(url) as library:
         if len(library) >= DEMO_COUNT:
             return len(library)
         with progress(demo_shapes(), "computing demo shapes", DEMO_COUNT) as bar:
             for shape in bar:
-                data = write_mesh(shape.surface.vertices, shape.surface.faces, "ply")
-                library.add(data, name=shape.name, label=shape.label)
+                library.add(shape.as_ply(), name=shape.name, label=shape.label)
         return len(library)
 
 
 def _write(folder: Path) -> int:
     from unbend.mesh.shapes import DEMO_COUNT, demo_shapes  # noqa: PLC0415
-    from unbend.mesh.write import write_mesh  # noqa: PLC0415
 
     folder.mkdir(parents=True, exist_ok=True)
     lines = ["path,class"]
     with progress(demo_shapes(), "writing demo shapes", DEMO_COUNT) as bar:
         for shape in bar:
-            (folder / f"{shape.name}.ply").write_bytes(write_mesh(shape.surface.vertices, shape.surface.faces, "ply"))
+            (folder / f"{shape.name}.ply").write_bytes(shape.as_ply())
             lines.append(f"{shape.name}.ply,{shape.label}")
     (folder / "labels.csv").write_text("\n".join(lines) + "\n")
     return len(lines) - 1

@@ -7,18 +7,12 @@ from pathlib import Path
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, parameter_options, policy_options, warn
+from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options, warn
 
 
 @click.command()
 @click.argument("mesh", type=mesh_path)
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="An obj, glb, npz or json file: MESH with texture coordinates.",
-)
+@output_option("An obj, glb, npz or json file: MESH with texture coordinates.", required=True)
 @parameter_options
 @policy_options
 def flatten(mesh: Path, output: Path, parameters: Values, policy: Values) -> None:

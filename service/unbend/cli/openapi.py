@@ -7,9 +7,11 @@ from pathlib import Path
 
 import click
 
+from unbend.cli.options import output_option
+
 
 @click.command()
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Standard output by default.")
+@output_option("Standard output by default.")
 def openapi(output: Path | None) -> None:
     """Print the service's OpenAPI document."""
     from unbend.api import Settings, create_app  # noqa: PLC0415

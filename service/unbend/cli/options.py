@@ -37,6 +37,12 @@ url_option = click.option("--url", metavar="HTTP", help="Address of a running se
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
+def output_option(description: str, *, required: bool = False) -> Callable[[F], F]:
+    """Return the option -o for the file that a command writes."""
+    path = click.Path(dir_okay=False, path_type=Path)
+    return click.option("-o", "--output", required=required, type=path, help=description)
+
+
 def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
     """Return a decorator that adds `options`; the command receives those that are given as a mapping named `name`."""
 

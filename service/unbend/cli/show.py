@@ -8,7 +8,7 @@ from typing import get_args
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, parameter_options, policy_options, warn
+from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options, warn
 
 SUBJECTS = ("surface", "signature", "both")
 THEMES = ("light", "dark", "transparent")
@@ -24,13 +24,7 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
 
 @click.command()
 @click.argument("mesh", type=mesh_path)
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="A png or webp file.",
-)
+@output_option("A png or webp file.", required=True)
 @click.option("--subject", type=click.Choice(SUBJECTS), default="surface", show_default=True, help="What to show.")
 @click.option("--size", metavar="WxH", default="512x512", show_default=True, callback=_size, help="In pixels.")
 @click.option("--theme", type=click.Choice(THEMES), default="light", show_default=True, help="Background and colours.")

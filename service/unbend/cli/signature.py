@@ -7,17 +7,12 @@ from pathlib import Path
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, parameter_options, policy_options, warn
+from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options, warn
 
 
 @click.command()
 @click.argument("mesh", type=mesh_path)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="A ply, obj, off, glb, npz or json file; json on standard output by default.",
-)
+@output_option("A ply, obj, off, glb, npz or json file; json on standard output by default.")
 @click.option("--whole", is_flag=True, help="Place every vertex, not only the samples: the form at full resolution.")
 @parameter_options
 @policy_options

@@ -79,7 +79,7 @@ class QueryOutcome:
 class Geodesics:
     """Distances from a vertex of a file to every vertex, None if unreachable or removed, and a path to one vertex."""
 
-    distances: list[float | None]
+    distances: list[float | None] | None
     path: list[list[float]] | None
     length: float | None = None
     """Length of the path."""
@@ -128,8 +128,12 @@ def _compute(mesh: StoredMesh, parameters: Parameters) -> tuple[FileSignature, M
     return found, reporter.seconds()
 
 
-def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | None = None) -> Geodesics:
+def geodesics_from(
+    mesh: StoredMesh, update: Update, source: int, target: int | None = None, with_distances: bool = True
+) -> Geodesics:
     """Return the geodesic distances of a stored mesh from one vertex of its file, and a path to another.
+
+    Without `with_distances`, it computes only the path.
 
     Raises
     ------
@@ -138,8 +142,10 @@ def geodesics_from(mesh: StoredMesh, update: Update, source: int, target: int | 
     """
     surface = _read(mesh)
     start = surface_vertex(surface, source, "source")
-    distances = _distances(surface, start, update)
-    found = [float(distance) if np.isfinite(distance) else None for distance in distances]
+    found = None
+    if with_distances:
+        distances = _distances(surface, start, update)
+        found = [float(distance) if np.isfinite(distance) else None for distance in distances]
     if target is None:
         return Geodesics(found, None)
     path = geodesic_path(surface, start, surface_vertex(surface, target, "target"))

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from unbend.arrays import Floats, Indices, Ints
+from unbend.arrays import Floats, Indices, Ints, positions_of
 from unbend.errors import MeshGeometryError
 from unbend.mesh.areas import triangle_areas
 from unbend.mesh.boxes import morton_order
@@ -49,9 +49,7 @@ def simplify(surface: Surface, most: int) -> Simplified:
     # The library is several times as fast if neighbours are near in memory. Its thresholds assume a surface of extent
     # about 1 at the origin.
     used = surface.used_vertices[morton_order(surface.vertices[surface.used_vertices])]
-    place = np.full(len(surface.vertices), -1)
-    place[used] = np.arange(len(used))
-    faces = place[surface.faces].astype(np.int32)
+    faces = positions_of(used, len(surface.vertices))[surface.faces].astype(np.int32)
     points = surface.vertices[used]
     origin, scale = points[0], surface.extent
     vertices, faces, into = _collapse_to(most, (points - origin) / scale, faces[np.argsort(faces[:, 0], kind="stable")])
@@ -93,8 +91,7 @@ def _collapse(vertices: Floats, faces: Ints, target: int) -> tuple[Floats, Ints,
         onto = onto[onto]
     images, _ = drop_repeats(onto[faces], len(vertices), MeshReport())
     survivors = np.unique(images)  # the library returns them in this order
-    place = np.full(len(vertices), -1)
-    place[survivors] = np.arange(len(survivors))
+    place = positions_of(survivors, len(vertices))
     return left, place[images].astype(np.int32), _with_lost_vertices(place[onto], faces)
 
 

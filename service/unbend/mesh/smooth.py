@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
-from unbend.arrays import Floats, Ints
+from unbend.arrays import Floats, Ints, positions_of
 from unbend.mesh.surface import Surface
 
 SHRINK: Final = 0.5
@@ -52,8 +52,7 @@ def _ends(surface: Surface, starts: Ints) -> Ints:
 def _neighbour_means(surface: Surface) -> csr_array:
     """Return the matrix that maps values at the k used vertices to the means over their neighbours, (k, k)."""
     used, rim = surface.used_vertices, boundary_edges(surface)
-    place = np.zeros(len(surface.vertices), np.int32)
-    place[used] = np.arange(len(used))
+    place = positions_of(used, len(surface.vertices)).astype(np.int32)
     on_rim = np.zeros(len(used), bool)
     on_rim[place[rim]] = True
     every, along = (_both_ways(place[ends]) for ends in (_ends(surface, surface.edges.starts), rim))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -34,17 +34,17 @@ class Theme:
     background: Colour | None
     """None for a transparent background."""
     surface: Colour
-    """Of a surface without a field."""
+    """The colour of a surface without a field."""
     signature: Colour
-    """Of a signature without a field."""
+    """The colour of a signature without a field."""
     unknown: Colour
-    """Where a field is not finite."""
+    """The colour where a field is not finite."""
     contour: Colour
     path: Colour
     start: Colour
-    """Of the marker at the first vertex."""
+    """The colour of the marker at the first vertex."""
     end: Colour
-    """Of the marker at the last vertex."""
+    """The colour of the marker at the last vertex."""
 
 
 _LIGHT: Final = Theme(
@@ -70,22 +70,8 @@ THEMES: Final[dict[ThemeName, Theme]] = {
         start=colour("#ff5a4d"),
         end=colour("#ffffff"),
     ),
-    "transparent": Theme(
-        background=None,
-        surface=_LIGHT.surface,
-        signature=_LIGHT.signature,
-        unknown=_LIGHT.unknown,
-        contour=_LIGHT.contour,
-        path=_LIGHT.path,
-        start=_LIGHT.start,
-        end=_LIGHT.end,
-    ),
+    "transparent": replace(_LIGHT, background=None),
 }
-
-CATEGORIES: Final[tuple[Colour, ...]] = tuple(
-    colour(code) for code in ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#e08214", "#777777")
-)
-"""Colours for classes (after Paul Tol's bright scheme), which the colour-blind can also distinguish."""
 
 _POINTS: Final[dict[ColourMap, tuple[str, ...]]] = {
     "viridis": (

@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from unbend.arrays import Floats, Indices, Ints
+from unbend.arrays import Floats, Indices, Ints, positions_of
 from unbend.errors import MeshGeometryError
 from unbend.mesh.formats import gltf_writing
 from unbend.mesh.simplify import simplify
@@ -108,9 +108,8 @@ def _simplified(surface: Surface, most_faces: int) -> tuple[Surface, Indices]:
     """Return the surface without unused vertices, simplified if it is large, and the old vertex at each new one."""
     if len(surface.faces) <= most_faces:
         used = surface.used_vertices
-        place = np.zeros(len(surface.vertices), np.int64)
-        place[used] = np.arange(len(used))
-        return Surface(surface.vertices[used], place[surface.faces]), used
+        faces = positions_of(used, len(surface.vertices))[surface.faces]
+        return Surface(surface.vertices[used], faces), used
     found = simplify(surface, max(4, most_faces // 2))
     merged = np.flatnonzero(found.vertex_map >= 0)
     into = found.vertex_map[merged]
@@ -123,11 +122,8 @@ def _simplified(surface: Surface, most_faces: int) -> tuple[Surface, Indices]:
 
 def _moved(signature: Signature, surface: Surface, shown: Surface, chosen: Indices) -> Signature:
     """Return the signature with its samples at vertices of the simplified surface."""
-    place = np.full(len(surface.vertices), -1)
-    place[chosen] = np.arange(len(chosen))
-    samples = place[signature.samples]
-    lost = np.flatnonzero(samples < 0)
-    for sample in lost:
+    samples = positions_of(chosen, len(surface.vertices))[signature.samples]
+    for sample in np.flatnonzero(samples < 0):
         away = ((shown.vertices - surface.vertices[signature.samples[sample]]) ** 2).sum(axis=1)
         samples[sample] = int(away.argmin())
     _, kept = np.unique(samples, return_index=True)

@@ -79,7 +79,7 @@ def darken(first, stop, depth, coverage, per_length, reach, places, lengths, lig
                             continue
                         rise = (depth[y, x] - here) * per_length
                         length = lengths[turn, step]
-                        # What is far in front does not touch. The first test spares most square roots.
+                        # Points far in front cast no shadow here. The first test avoids most square roots.
                         if rise > steepest * length and rise <= 3.0 * reach:
                             steepest = max(steepest, rise / np.sqrt(length * length + rise * rise))
                     both += steepest

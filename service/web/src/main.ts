@@ -47,7 +47,7 @@ document.body.prepend(skip, header, banner, main);
 
 const SLOW_MS = 150;
 
-// What sticks below the header needs its height.
+// Style rules place sticky elements below the header by its height.
 new ResizeObserver(() => document.documentElement.style.setProperty("--header", `${header.offsetHeight}px`)).observe(header);
 
 let current = new AbortController();

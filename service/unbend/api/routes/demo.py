@@ -15,7 +15,6 @@ from unbend.library.records import JobRecord
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.shapes import demo_shapes
-from unbend.mesh.write import write_mesh
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(prefix="/demo", tags=["library"])
@@ -36,7 +35,7 @@ async def load_demo(service: ServiceDependency, request: Request) -> DemoJobs:
 def _uploads() -> list[tuple[Upload, ShapeRequest]]:
     return [
         (
-            Upload(write_mesh(shape.surface.vertices, shape.surface.faces, "ply"), "ply", Parameters(), MeshPolicy()),
+            Upload(shape.as_ply(), "ply", Parameters(), MeshPolicy()),
             ShapeRequest.of(shape.name, {"label": shape.label}, "keep"),
         )
         for shape in demo_shapes()

@@ -327,10 +327,9 @@ async def get_geodesics(
     if format == "f32":
         data = await service.runner.call(geodesic_floats, stored, update, source, lane=lane)
         return Response(data, media_type="application/octet-stream")
-    found = await service.runner.call(geodesics_from, stored, update, source, target, lane=lane)
+    found = await service.runner.call(geodesics_from, stored, update, source, target, distances, lane=lane)
     path: Any = found.path
-    shown = found.distances if distances else None
-    return Distances(source=source, distances=shown, target=target, path=path, length=found.length)
+    return Distances(source=source, distances=found.distances, target=target, path=path, length=found.length)
 
 
 def lane_of(record: ShapeRecord) -> Lane:

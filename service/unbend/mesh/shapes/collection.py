@@ -16,6 +16,7 @@ from unbend.mesh.shapes.helicoid import helicoid_catenoid
 from unbend.mesh.shapes.sheet import cylinder, s_bend, sheet, spiral
 from unbend.mesh.shapes.tubes import bent_tube, pin_profile
 from unbend.mesh.surface import Surface
+from unbend.mesh.write import write_mesh
 
 POSES = 6
 """Number of shapes in each class."""
@@ -46,6 +47,10 @@ class LabelledShape:
     name: str
     label: str
     surface: Surface
+
+    def as_ply(self) -> bytes:
+        """Return the surface as a ply file."""
+        return write_mesh(self.surface.vertices, self.surface.faces, "ply")
 
 
 def demo_shapes() -> Iterator[LabelledShape]:

@@ -180,10 +180,10 @@ export class Viewer {
       uniforms["kind"]!.value = KINDS[colouring.kind];
       if (colouring.kind === "field") {
         mesh.geometry.setAttribute("value", new BufferAttribute(colouring.values, 1));
-        Object.assign(uniforms["low"]!, { value: colouring.low });
-        Object.assign(uniforms["high"]!, { value: colouring.high });
-        Object.assign(uniforms["contours"]!, { value: colouring.contours });
-        Object.assign(uniforms["limit"]!, { value: colouring.limit ?? -1 });
+        uniforms["low"]!.value = colouring.low;
+        uniforms["high"]!.value = colouring.high;
+        uniforms["contours"]!.value = colouring.contours;
+        uniforms["limit"]!.value = colouring.limit ?? -1;
         uniforms["map"]!.value = gradient(colouring.map);
       } else if (colouring.kind === "colours") {
         mesh.geometry.setAttribute("rgb", new BufferAttribute(colouring.rgb, 3));

@@ -8,7 +8,7 @@ import { beside } from "../ui/beside";
 import { pick, takesDrops } from "../ui/drop";
 import { button, field, figure, h, percent, select } from "../ui/dom";
 import { measures, rankedList } from "../ui/nearest";
-import { notify, report } from "../ui/notices";
+import { describe, notify, report } from "../ui/notices";
 import { pictureOf } from "../ui/stage";
 
 const CLASSIFIERS = [
@@ -82,8 +82,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
         if (running.signal === mine) answer.replaceChildren();
         return;
       }
-      const text = error instanceof ApiError ? [error.message, error.advice].filter(Boolean).join(" – ") : "The question failed.";
-      answer.replaceChildren(h("p", { class: "error" }, text));
+      answer.replaceChildren(h("p", { class: "error" }, describe(error)));
       report(error);
     }
   }

@@ -275,7 +275,7 @@ export async function libraryView(_: string[], query: URLSearchParams, signal: A
     }
   }
 
-  /** Draw a card anew. */
+  /** Draw a card again, with its changes. */
   function redraw(id: string): void {
     drawn.get(id)?.remove();
     drawn.delete(id);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -28,7 +29,7 @@ class Report:
 
     output: str
     operations: frozenset[str]
-    """The operations of the document, such as `GET /v1/shapes`."""
+    """The operations of the document that the configuration does not exclude, such as `GET /v1/shapes`."""
     phases: dict[str, str] = field(default_factory=dict)
     """The outcome of each phase."""
     cases: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -93,8 +94,7 @@ def run(
         text=True,
         timeout=timeout,
     )
-    operations = frozenset(f"{method.upper()} {path}" for path, found in document["paths"].items() for method in found)
-    report = Report(done.stdout + done.stderr, operations)
+    report = Report(done.stdout + done.stderr, _operations(document, tomllib.loads(settings)))
     for kind, event in _events(events):
         _READERS.get(kind, _ignore)(report, event)
     return report
@@ -106,6 +106,16 @@ def _close(document: dict[str, Any]) -> None:
         for operation in operations.values():
             if "security" in operation:
                 operation["security"].remove({})
+
+
+def _operations(document: dict[str, Any], settings: dict[str, Any]) -> frozenset[str]:
+    excluded = {rule["include-path"] for rule in settings["operations"] if not rule.get("enabled", True)}
+    return frozenset(
+        f"{method.upper()} {path}"
+        for path, found in document["paths"].items()
+        for method in found
+        if path not in excluded
+    )
 
 
 def _path() -> str:

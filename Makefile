@@ -16,7 +16,7 @@ serve: .venv/run
 	$(BIN)/unbend serve --library demo.db --host $(HOST) --port $(PORT)
 
 test: .venv/test
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: .venv/test
 	$(BIN)/ruff check .

@@ -29,19 +29,26 @@ settings.load_profile("unbend")
 
 SLOWEST = (
     "test_page.py",
-    "test_everywhere.py",
-    "test_main_job.py",
-    "test_contract.py",
     "test_commands.py",
-    "test_ends.py",
     "test_hostile_clients.py",
+    "test_contract.py",
+    "test_ends.py",
+    "test_main_job.py",
+    "test_runner.py",
+    "test_reliability.py",
+    "test_everywhere.py",
+    "test_process.py",
 )
-"""The slowest test files. They start first, so that no test process is idle at the end."""
+"""The slowest test files, which start first, so that no test process is idle at the end.
+
+pytest-xdist keeps this order with --no-loadscope-reorder.
+"""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Start the slowest files first."""
-    items.sort(key=lambda item: item.path.name not in SLOWEST)
+    places = {name: place for place, name in enumerate(SLOWEST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(SLOWEST)))
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:

@@ -123,6 +123,26 @@ def test_the_slider_bends_the_surface(filled: Server, open_page: OpenPage) -> No
     assert share[0] == pytest.approx(share[1], rel=0.05)  # both halves now show the signature
 
 
+def test_a_moving_camera_draws_drafts_until_it_rests(filled: Server, open_page: OpenPage) -> None:
+    page = open_page(f"{filled.url}/#/shape/{shape_id(filled, label='cat')}")
+    canvas = page.locator(".stage canvas")
+    expect(canvas).to_be_visible()
+    page.wait_for_function(f"() => ({PAINTED})(document.querySelector('.stage canvas')).colours[1] > 50")
+    whole = canvas.evaluate(
+        """canvas => {
+          globalThis.widths = [];
+          new MutationObserver(() => widths.push(canvas.width)).observe(canvas, { attributeFilter: ["width"] });
+          return canvas.width;
+        }"""
+    )
+    canvas.focus()
+    for _ in range(4):  # software needs longer than a draft may take, as the first whole frames show
+        page.keyboard.press("ArrowRight")
+    page.wait_for_function("whole => Math.min(...widths) < whole && widths.at(-1) === whole", arg=whole)
+    painted = canvas.evaluate(PAINTED)
+    assert all(colours > 50 for colours in painted["colours"])
+
+
 def test_two_clicks_give_a_path_with_the_lengths_of_the_api(filled: Server, open_page: OpenPage) -> None:
     shape = shape_id(filled, label="cat")
     page = open_page(f"{filled.url}/#/shape/{shape}")

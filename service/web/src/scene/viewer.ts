@@ -6,6 +6,7 @@ import {
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
+import { draftFaces, draftScale, isSlow } from "./draft";
 import { at, FIRST_DIRECTION, normals, pick, radius, type Point } from "./geometry";
 import { SEQUENTIAL, type Map } from "./colours";
 
@@ -102,9 +103,13 @@ const KINDS = { plain: 0, field: 1, colours: 2, texture: 3 } as const;
 
 const ANGLE = 30; // degrees that the camera sees
 const FRONT = new Vector3(...FIRST_DIRECTION);
+const REST = 250; // milliseconds without a movement after which a whole frame follows drafts
 
 interface Pane {
   content: Content;
+  whole: BufferAttribute;
+  /** The faces of drafts, made when first needed. */
+  draft: BufferAttribute | null;
   scene: Scene;
   turned: Group;
   mesh: ThreeMesh<BufferGeometry, ShaderMaterial>;
@@ -124,6 +129,11 @@ export class Viewer {
   private readonly size: number;
   private readonly observer: ResizeObserver;
   private waiting = false;
+  /** Milliseconds of a whole frame; 0 until measured. */
+  private cost = 0;
+  private wholeFrames = 0;
+  private moved = -Infinity;
+  private resting = 0;
   private pressed: { x: number; y: number } | null = null;
   private stacked = false;
 
@@ -137,7 +147,7 @@ export class Viewer {
     this.size = Math.max(...contents.map(({ positions, form }) => Math.max(radius(positions), form ? radius(form) : 0))) || 1;
     this.panes = contents.map((content) => this.pane(content));
     this.controls = new OrbitControls(this.camera, this.canvas);
-    this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("change", () => this.drawMoving());
     this.canvas.addEventListener("pointerdown", (event) => (this.pressed = { x: event.clientX, y: event.clientY }));
     this.canvas.addEventListener("pointerup", (event) => this.released(event));
     this.canvas.addEventListener("keydown", (event) => this.turnByKey(event));
@@ -170,7 +180,7 @@ export class Viewer {
     this.panes[pane]!.mesh.material.uniforms["bend"]!.value = share;
     this.panes[pane]!.content.bend = share;
     this.panes[pane]!.marks.visible = share < 0.02 || share === 1;
-    this.draw();
+    this.drawMoving();
   }
 
   /** Colour a pane, or all panes alike. */
@@ -221,6 +231,7 @@ export class Viewer {
   }
 
   dispose(): void {
+    clearTimeout(this.resting);
     this.observer.disconnect();
     this.controls.dispose();
     for (const { mesh } of this.panes) {
@@ -242,12 +253,24 @@ export class Viewer {
     });
   }
 
-  /** Turn the camera a little, and draw at once: what a measurement of frames repeats. */
+  /** Turn the camera a little, as a drag does; measurements of frames call it. */
   spin(): void {
     this.camera.position.applyAxisAngle(new Vector3(0, 1, 0), 0.02);
     this.controls.update();
-    this.render();
-    this.renderer.getContext().finish();
+  }
+
+  /** Wait until everything is drawn; `finish()` returns before. */
+  settle(): void {
+    const gl = this.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+  }
+
+  /** Draw in the next frame: a draft if whole frames are slow, and a whole frame once the movement ends. */
+  private drawMoving(): void {
+    this.moved = performance.now();
+    clearTimeout(this.resting);
+    if (isSlow(this.cost)) this.resting = window.setTimeout(() => this.draw(), REST);
+    this.draw();
   }
 
   private pane(content: Content): Pane {
@@ -262,7 +285,8 @@ export class Viewer {
     geometry.setAttribute("value", new BufferAttribute(new Float32Array(count), 1));
     geometry.setAttribute("rgb", new BufferAttribute(new Float32Array(3 * count), 3));
     geometry.setAttribute("uv", new BufferAttribute(content.uv ?? new Float32Array(2 * count), 2));
-    geometry.setIndex(new BufferAttribute(content.faces, 1));
+    const whole = new BufferAttribute(content.faces, 1);
+    geometry.setIndex(whole);
     const material = new ShaderMaterial({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
@@ -285,7 +309,7 @@ export class Viewer {
     mesh.frustumCulled = false;
     turned.add(mesh, marks);
     scene.add(turned);
-    return { content, scene, turned, mesh, marks };
+    return { content, whole, draft: null, scene, turned, mesh, marks };
   }
 
   /** Distance of the camera in its first direction at which every vertex is in the picture. */
@@ -313,6 +337,7 @@ export class Viewer {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
     this.stacked = width < height;
+    this.wholeFrames = 0;
     this.draw();
   }
 
@@ -330,6 +355,9 @@ export class Viewer {
   private render(): void {
     const height = this.canvas.clientHeight;
     if (!height) return;
+    const isDraft = isSlow(this.cost) && performance.now() - this.moved < REST;
+    this.setDetail(isDraft);
+    const begin = performance.now();
     this.renderer.setScissorTest(true);
     this.panes.forEach(({ scene }, number) => {
       const box = this.rectangle(number);
@@ -340,6 +368,22 @@ export class Viewer {
       this.renderer.render(scene, this.camera);
     });
     this.frames++;
+    if (!isDraft && ++this.wholeFrames === 2) { // the first frame of a size also compiles and allocates
+      this.settle();
+      this.cost = performance.now() - begin;
+    }
+  }
+
+  /** Choose the pixels and faces of the next frame. */
+  private setDetail(isDraft: boolean): void {
+    const ratio = Math.min(devicePixelRatio, 2) * (isDraft ? draftScale(this.cost) : 1);
+    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio);
+    for (const pane of this.panes) {
+      const { positions, form, faces } = pane.content;
+      if (isDraft) pane.draft ??= new BufferAttribute(draftFaces(positions, form, faces), 1);
+      const index = isDraft ? pane.draft! : pane.whole;
+      if (pane.mesh.geometry.index !== index) pane.mesh.geometry.setIndex(index);
+    }
   }
 
   /** Fit the camera to a pane: a narrow one needs a wider angle. */

@@ -8,7 +8,12 @@ import { report } from "../ui/notices";
 import { thumbnail } from "../ui/thumbnail";
 
 const METRICS = [
-  ["nn", "Nearest neighbour"], ["ft", "First tier"], ["st", "Second tier"], ["e", "E-measure"], ["dcg", "DCG"], ["map", "Mean average precision"],
+  ["nn", "Nearest neighbour", "the share of shapes whose nearest other shape is of their class"],
+  ["ft", "First tier", "the share of the C others of a class that is among the C nearest shapes"],
+  ["st", "Second tier", "the share of them that is among the 2 C nearest"],
+  ["e", "E-measure", "the harmonic mean of precision and recall among the 32 nearest, below 1 for small classes"],
+  ["dcg", "DCG", "discounted cumulative gain: early places count more; divided by that of the best ranking"],
+  ["map", "Mean average precision", "the mean of the precisions at the places of the others of a class"],
 ] as const;
 const NAMES = new Map<string, string>(MEASURES);
 const MOST_CLASSES = 60;
@@ -36,6 +41,7 @@ export function evaluationView(_: string[], query: URLSearchParams, signal: Abor
     mistakes,
     h("h2", {}, "All measures"),
     h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Metrics" }, table),
+    h("details", {}, h("summary", {}, "What the metrics mean"), h("dl", {}, METRICS.flatMap(([, name, words]) => [h("dt", {}, name), h("dd", {}, words)]))),
   );
 
   const known = new Map<string, Promise<Evaluation>>();

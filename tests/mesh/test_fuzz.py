@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import resource
 import time
@@ -13,12 +14,12 @@ import numpy as np
 import pytest
 
 from tests.support.fuzzing import FORMATS, file_name, mutant, seeds
-from unbend import read_mesh
+from unbend import Surface, read_mesh
 from unbend.errors import MeshError
 from unbend.mesh.limits import MeshLimits
 
 COUNT = 300
-SECONDS = 5.0  # a file usually takes a millisecond
+SECONDS = 5.0  # of CPU; a file usually takes a millisecond
 MEMORY = 2**29
 LIMITS = MeshLimits(vertices=10_000, faces=10_000)
 
@@ -33,15 +34,26 @@ def limit() -> None:
     warnings.simplefilter("error")
 
 
+def read(file_type: str, number: int) -> Surface:
+    hint = Path(file_name(file_type, number)).suffix
+    return read_mesh(mutant(file_type, number), file_type=hint, limits=LIMITS)
+
+
+def cpu_seconds_of_reading(file_type: str, number: int) -> float:
+    begun = time.process_time()
+    with contextlib.suppress(MeshError):
+        read(file_type, number)
+    return time.process_time() - begun
+
+
 def examine(file_type: str) -> list[str]:
     """Read the mutants of a format; return the faults."""
-    wrong, read = [], 0
+    wrong, count = [], 0
     for number in range(COUNT):
-        begun = time.perf_counter()
+        begun = time.process_time()
         try:
-            hint = Path(file_name(file_type, number)).suffix
-            surface = read_mesh(mutant(file_type, number), file_type=hint, limits=LIMITS)
-            read += 1
+            surface = read(file_type, number)
+            count += 1
             if not (np.isfinite(surface.vertices[surface.faces]).all() and surface.area > 0):
                 wrong.append(f"{file_type} {number}: no finite surface")
         except MeshError as error:
@@ -49,9 +61,11 @@ def examine(file_type: str) -> list[str]:
                 wrong.append(f"{file_type} {number}: a message of {len(str(error))} characters")
         except Exception as error:  # noqa: BLE001  any other exception is a fault
             wrong.append(f"{file_type} {number}: {type(error).__name__}: {error}")
-        if time.perf_counter() - begun > SECONDS:
-            wrong.append(f"{file_type} {number}: {time.perf_counter() - begun:.0f} s")
-    return wrong if read else [f"{file_type}: none of {COUNT} could be read"]
+        # The first file that needs a kernel may compile it, so a slow file gets a second attempt.
+        is_slow = time.process_time() - begun > SECONDS
+        if is_slow and (seconds := cpu_seconds_of_reading(file_type, number)) > SECONDS:
+            wrong.append(f"{file_type} {number}: {seconds:.0f} s")
+    return wrong if count else [f"{file_type}: none of {COUNT} could be read"]
 
 
 @pytest.fixture(scope="module")

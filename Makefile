@@ -15,8 +15,9 @@ serve: .venv/run
 	$(BIN)/unbend demo --library demo.db
 	$(BIN)/unbend serve --library demo.db --host $(HOST) --port $(PORT)
 
+# Tests start hundreds of processes, so Python may save compiled modules. xdist keeps the order of tests/conftest.py.
 test: .venv/test
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: .venv/test
 	$(BIN)/ruff check .

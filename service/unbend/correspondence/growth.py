@@ -10,13 +10,13 @@ import numpy as np
 
 from unbend.arrays import Floats, Indices, Singles
 from unbend.correspondence.bivectors import BIVECTOR_FUNCTIONS, compound, directions
-from unbend.correspondence.frame import Frame
+from unbend.correspondence.features import Features
 from unbend.correspondence.nearest import nearest_rows
 
 FUNCTION_NOISE: Final = 1.0
 """Variance that is added to the misfit of a function, so that a few smooth functions do not decide alone."""
 
-CHANNEL_NOISE: Final = 0.1
+FEATURE_NOISE: Final = 0.1
 """The same of bivectors and curvatures, which describe a point by itself."""
 
 
@@ -28,7 +28,7 @@ class PointMap:
     back: Indices  # (S_b,) a vertex of a for each sample of b
 
 
-def grow(a: Frame, b: Frame, start: PointMap, sizes: Sequence[int], turn: float) -> PointMap:
+def grow(a: Features, b: Features, start: PointMap, sizes: Sequence[int], turn: float) -> PointMap:
     """Refine a map with more and more functions.
 
     ZoomOut (Melzi et al. 2019) in both directions (Ren et al. 2020, "MapTree"): the map gives the matrix that carries
@@ -37,7 +37,7 @@ def grow(a: Frame, b: Frame, start: PointMap, sizes: Sequence[int], turn: float)
 
     Parameters
     ----------
-    a, b : Frame
+    a, b : Features
     start : PointMap
     sizes : sequence of int
         The numbers of functions.
@@ -51,7 +51,7 @@ def grow(a: Frame, b: Frame, start: PointMap, sizes: Sequence[int], turn: float)
     return current
 
 
-def embedded(a: Frame, b: Frame, known: PointMap, size: int, turn: float) -> tuple[Singles, Singles]:
+def embedded(a: Features, b: Features, known: PointMap, size: int, turn: float) -> tuple[Singles, Singles]:
     """Return coordinates of all vertices of both surfaces in which points that `known` maps are near, (n, d) each.
 
     Each coordinate is divided by the standard deviation of its misfit under `known`, so that a coordinate counts as far
@@ -62,13 +62,13 @@ def embedded(a: Frame, b: Frame, known: PointMap, size: int, turn: float) -> tup
     carried = ((f[a.samples] * a.masses[:, None]).T @ g[known.to]).astype(np.float32)
     returned = ((g[b.samples] * b.masses[:, None]).T @ f[known.back]).astype(np.float32)
     blocks = [(f @ carried, g, FUNCTION_NOISE), (f, g @ returned, FUNCTION_NOISE)]
-    blocks += [(a.curvatures, b.curvatures, CHANNEL_NOISE)]
+    blocks += [(a.curvatures, b.curvatures, FEATURE_NOISE)]
     if turn:
         u, v = BIVECTOR_FUNCTIONS.start, min(BIVECTOR_FUNCTIONS.stop, size)
         planes, others = a.bivectors, np.float32(turn) * b.bivectors
         blocks += [
-            (directions(planes @ compound(carried[u:v, u:v])), directions(others), CHANNEL_NOISE),
-            (directions(planes), directions(others @ compound(returned[u:v, u:v])), CHANNEL_NOISE),
+            (directions(planes @ compound(carried[u:v, u:v])), directions(others), FEATURE_NOISE),
+            (directions(planes), directions(others @ compound(returned[u:v, u:v])), FEATURE_NOISE),
         ]
     ours, theirs = [], []
     for one, other, noise in blocks:
@@ -78,13 +78,13 @@ def embedded(a: Frame, b: Frame, known: PointMap, size: int, turn: float) -> tup
     return np.hstack(ours), np.hstack(theirs)
 
 
-def _misfit(a: Frame, b: Frame, known: PointMap, one: Singles, other: Singles) -> Singles:
+def _misfit(a: Features, b: Features, known: PointMap, one: Singles, other: Singles) -> Singles:
     """Return the mean squared difference of each column between points that are mapped to each other."""
     forth = a.weights @ (one[a.samples] - other[known.to]) ** 2
     return np.asarray((forth + b.weights @ (other[b.samples] - one[known.back]) ** 2) / 2, np.float32)
 
 
-def stretch(a: Frame, b: Frame, known: PointMap) -> Floats:
+def stretch(a: Features, b: Features, known: PointMap) -> Floats:
     """Return for each pair (sample of a, sample of b) how much the map changes their distance, (S_a, S_b).
 
     The distance from p to the preimage of q on one surface, and from the image of p to q on the other, are both known,

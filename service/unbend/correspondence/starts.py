@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats
-from unbend.correspondence.frame import Frame
+from unbend.correspondence.features import Features
 from unbend.correspondence.growth import PointMap
 from unbend.correspondence.nearest import nearest_rows
 
@@ -22,7 +22,7 @@ _SAME: Final = 0.3
 """Two poses are the same candidate if no entry of their rotations differs by more."""
 
 
-def candidate_maps(a: Frame, b: Frame, count: int) -> list[PointMap]:
+def candidate_maps(a: Features, b: Features, count: int) -> list[PointMap]:
     """Return up to `count` maps between the samples, the best first.
 
     The principal axes of the forms are matched in all orders and with all signs, then each pose is refined by
@@ -60,6 +60,6 @@ def _closest_points(ours: Floats, theirs: Floats, turn: Floats) -> tuple[float, 
     return float(cost + ((theirs - moved[nearest_rows(theirs, moved)]) ** 2).sum(axis=1).mean()), turn
 
 
-def _map(a: Frame, b: Frame, turn: Floats) -> PointMap:
+def _map(a: Features, b: Features, turn: Floats) -> PointMap:
     moved = a.points @ turn
     return PointMap(nearest_rows(moved[a.samples], b.points), nearest_rows(b.points[b.samples], moved))

@@ -1,4 +1,4 @@
-"""What is known of each vertex of a surface before it is matched: a frame of channels that bending hardly changes."""
+"""The functions, curvatures and distances at each vertex of a surface, which bending hardly changes."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ FUNCTIONS: Final = 150
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
-    """Channels of all n vertices of a surface, from geodesic distances to S samples. Lengths are over sqrt(area)."""
+class Features:
+    """Features of all n vertices of a surface, from geodesic distances to S samples. Lengths are over sqrt(area)."""
 
     surface: Surface
     samples: Indices  # (S,) vertices, by farthest point sampling
@@ -44,8 +44,8 @@ class Frame:
         """Length of the surface that is 1 here: the square root of its area."""
         return float(np.sqrt(self.surface.area))
 
-    def at_samples(self) -> Frame:
-        """Return the frame whose only vertices are the samples, to compare many maps quickly."""
+    def at_samples(self) -> Features:
+        """Return the features whose only vertices are the samples, to compare many maps quickly."""
         chosen, every = self.samples, np.arange(len(self.samples))
         return replace(
             self, samples=every, nearest=every, rows=self.rows[:, chosen], functions=self.functions[chosen],
@@ -53,8 +53,8 @@ class Frame:
         )  # fmt: skip
 
 
-def frame_of(surface: Surface, count: int, threads: int | None) -> Frame:
-    """Sample a connected surface, march from each sample to every vertex, and derive all channels.
+def features_of(surface: Surface, count: int, threads: int | None) -> Features:
+    """Sample a connected surface, march from each sample to every vertex, and derive all features.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def frame_of(surface: Surface, count: int, threads: int | None) -> Frame:
     weights = np.maximum(areas / areas.sum(), np.finfo(np.float64).tiny)
     functions, masses = basis(rows, sampling.samples, weights, FUNCTIONS)
     orientation = orientation_of(surface)
-    return Frame(
+    return Features(
         surface=surface,
         samples=sampling.samples,
         nearest=sampling.nearest,

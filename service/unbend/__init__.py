@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from unbend.client import AsyncClient, Client
+    from unbend.correspondence.correspondence import Correspondence
+    from unbend.correspondence.match import match
+    from unbend.correspondence.symmetry import symmetry
+    from unbend.correspondence.transfer import transfer, transfer_landmarks
     from unbend.embedding.dimension import effective_dimension, representation_errors
     from unbend.embedding.embed import Embedding, embed
     from unbend.errors import UnbendError
@@ -36,6 +40,7 @@ _MODULES = {
     "AsyncClient": "unbend.client",
     "CanonicalForm": "unbend.signature.canonical_form",
     "Client": "unbend.client",
+    "Correspondence": "unbend.correspondence.correspondence",
     "Embedding": "unbend.embedding.embed",
     "Flattening": "unbend.signature.flattening",
     "Library": "unbend.library",
@@ -58,9 +63,13 @@ _MODULES = {
     "geodesic_path": "unbend.geodesics.paths.shortest",
     "geodesic_voronoi": "unbend.geodesics.voronoi",
     "iso_contours": "unbend.geodesics.contours",
+    "match": "unbend.correspondence.match",
     "read_mesh": "unbend.mesh.read",
     "render_picture": "unbend.render.picture",
     "representation_errors": "unbend.embedding.dimension",
+    "symmetry": "unbend.correspondence.symmetry",
+    "transfer": "unbend.correspondence.transfer",
+    "transfer_landmarks": "unbend.correspondence.transfer",
 }
 
 __version__ = "0.1.0"
@@ -69,6 +78,7 @@ __all__ = [
     "AsyncClient",
     "CanonicalForm",
     "Client",
+    "Correspondence",
     "Embedding",
     "Flattening",
     "Library",
@@ -91,9 +101,13 @@ __all__ = [
     "geodesic_path",
     "geodesic_voronoi",
     "iso_contours",
+    "match",
     "read_mesh",
     "render_picture",
     "representation_errors",
+    "symmetry",
+    "transfer",
+    "transfer_landmarks",
 ]
 
 

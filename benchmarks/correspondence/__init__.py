@@ -1,0 +1,1 @@
+"""Benchmarks of correspondences against the truth and another library."""

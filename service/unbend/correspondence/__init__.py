@@ -1,0 +1,1 @@
+"""Which point of one surface is which point of another: match, symmetry, transfer."""

@@ -1,0 +1,158 @@
+"""`match`: which point of one surface is which point of another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from unbend.arrays import Floats, Indices, Ints, Singles
+from unbend.correspondence.candidates import FINE, Judged, judged_candidates, refine
+from unbend.correspondence.correspondence import Correspondence
+from unbend.correspondence.features import Features, features_of
+from unbend.correspondence.growth import PointMap, embedded
+from unbend.correspondence.nearest import nearest_rows
+from unbend.correspondence.projection import project
+from unbend.errors import ParameterError, check_choice
+from unbend.geodesics.distances import distance_rows
+from unbend.geodesics.stencils import stencils_of
+from unbend.mesh.surface import Surface
+
+SAMPLES: Final = 300
+"""Samples of each surface by default."""
+
+Turn = Literal["keep", "reverse", "any"]
+"""Whether a map keeps the orientation of the triangles, reverses it, or either."""
+
+_FEWEST: Final = 20  # samples
+_TURNS: Final[dict[Turn, float]] = {"keep": 1.0, "reverse": -1.0, "any": 0.0}
+_REFINED: Final = 2  # candidates that are grown on all vertices
+_AGREEMENT: Final = 0.3  # least mean cosine between oriented planes
+_REACH: Final = 2.0  # a vertex is searched within this many radii of both samplings around the image of its sample
+
+
+def match(
+    a: Surface, b: Surface, *, samples: int = SAMPLES, orientation: Turn = "keep", threads: int | None = None
+) -> Correspondence:
+    """Find for each vertex of `a` the point of `b` that is the same place, however both are bent.
+
+    Neither landmarks nor training are needed. Candidates are alignments of the canonical forms, with all reflections
+    (`unbend.correspondence.starts`). Each grows into a map of the functions on the surfaces
+    (`unbend.correspondence.growth`), which keeps geodesic distances, oriented planes and curvature as far as the
+    surfaces agree in them. The best candidate is projected onto the triangles of `b`.
+
+    Parameters
+    ----------
+    a, b : Surface
+        Connected surfaces of the same kind of object, such as two persons or two poses; their scale does not matter.
+    samples : int, default 300
+        Farthest point samples of each surface, at least 20. More cost more time and memory.
+    orientation : {"keep", "reverse", "any"}, default "keep"
+        Which maps are allowed. "keep" tells left from right. "reverse" finds mirror images. The faces of both surfaces
+        must agree on their sides; otherwise the result says that the orientation decided nothing.
+    threads : int, optional
+        Threads for distances, all cores by default. The result does not depend on it.
+
+    Returns
+    -------
+    Correspondence
+
+    Raises
+    ------
+    MeshGeometryError
+        If a surface has no area, or its faces are not connected.
+    ParameterError
+        If `samples`, `orientation` or `threads` is out of range.
+
+    Examples
+    --------
+    >>> from unbend.mesh.shapes import ellipsoid
+    >>> body = ellipsoid((1.0, 0.7, 0.4))
+    >>> found = match(body, body, samples=100)
+    >>> found.faces.shape, found.barycentric.shape
+    ((642,), (642, 3))
+    """
+    check_choice("orientation", orientation, get_args(Turn))
+    if samples < _FEWEST:
+        raise ParameterError(f"samples must be at least {_FEWEST}, not {samples}")
+    ours, theirs = _used(a), _used(b)
+    first = features_of(ours, samples, threads)
+    second = first if ours is theirs else features_of(theirs, samples, threads)
+    turn = _TURNS[orientation] if first.orientation.known and second.orientation.known else 0.0
+    judged = judged_candidates(first.at_samples(), second.at_samples(), turn)
+    refined = [refine(first, second, candidate, turn) for candidate in judged[:_REFINED]]
+    best = min(range(len(refined)), key=lambda number: refined[number].rank)
+    order = [best, *(number for number in range(len(judged)) if number != best)]
+    return _result(a, b, first, second, refined[best].map, [judged[number] for number in order], turn, threads)
+
+
+def _used(surface: Surface) -> Surface:
+    """Return the surface without vertices that no face uses."""
+    used = surface.used_vertices
+    if len(used) == len(surface.vertices):
+        return surface
+    numbers = np.zeros(len(surface.vertices), np.int32)
+    numbers[used] = np.arange(len(used))
+    return Surface(surface.vertices[used], numbers[surface.faces])
+
+
+def _result(
+    a: Surface,
+    b: Surface,
+    first: Features,
+    second: Features,
+    chosen: PointMap,
+    judged: list[Judged],
+    turn: float,
+    threads: int | None,
+) -> Correspondence:
+    every, sources = np.arange(len(chosen.to)), chosen.to.astype(np.int32)
+    rows = distance_rows(stencils_of(second.surface), sources, None, "spherical", threads) / second.unit
+    ours, theirs = embedded(first, second, chosen, FINE[-1], turn)
+    nearest = _nearest_within(first, second, ours, theirs, rows)
+    faces, places = project(ours, nearest, theirs, second.surface.faces)
+    changes = _changes(first, rows, second.surface.faces[faces], places)
+    count, used = len(a.vertices), a.used_vertices
+    all_faces, all_places, confidence = np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.zeros(count)
+    all_faces[used], all_places[used] = faces, places
+    confidence[used] = np.exp(-changes / max(second.radius, np.finfo(np.float64).tiny))
+    shares = first.surface.vertex_areas / first.surface.area
+    return Correspondence(
+        faces=all_faces,
+        barycentric=all_places,
+        target_faces=b.faces,
+        target_vertices=len(b.vertices),
+        confidence=confidence,
+        residual=float(shares @ changes),
+        oriented=turn != 0 and judged[0].figures.agreement >= _AGREEMENT,
+        candidates=tuple(
+            replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]]))
+            for one in judged
+        ),
+    )
+
+
+def _nearest_within(a: Features, b: Features, ours: Singles, theirs: Singles, rows: Floats) -> Indices:
+    """Return the nearest vertex of b in the embedding for each of a, among those around the image of its sample."""
+    reach = _REACH * (a.radius + b.radius)
+    nearest = np.empty(len(ours), np.int64)
+    order = np.argsort(a.nearest, kind="stable")
+    bounds = np.searchsorted(a.nearest[order], np.arange(len(a.samples) + 1))
+    for sample in range(len(a.samples)):
+        cell = order[bounds[sample] : bounds[sample + 1]]
+        around = np.flatnonzero(rows[sample] <= reach)
+        nearest[cell] = around[nearest_rows(ours[cell], theirs[around])]
+    return nearest
+
+
+def _changes(a: Features, rows: Floats, corners: Ints, places: Floats) -> Floats:
+    """Return the mean change of each vertex's distances to near samples, (n,)."""
+    total, weight = np.zeros(len(corners)), np.zeros(len(corners))
+    for sample in range(len(a.samples)):
+        own = a.rows[sample]
+        near = np.flatnonzero(own <= _REACH * 2 * a.radius)
+        there = (rows[sample][corners[near]] * places[near]).sum(axis=1)
+        total[near] += a.weights[sample] * np.abs(own[near] - there)
+        weight[near] += a.weights[sample]
+    return total / weight

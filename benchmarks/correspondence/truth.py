@@ -10,6 +10,7 @@ docs/benchmarks.md.
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.common import DATA, ROOT, table, write_section
 from benchmarks.retrieval.data import in_processes
 from unbend import Surface, farthest_point_sampling, geodesic_distances, match, read_mesh
+from unbend.threads import available_cores
 
 PAIRS = 40
 LEVELS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
@@ -158,7 +160,7 @@ def functional_map(a: Surface, b: Surface) -> NDArray[np.int64]:
 
 
 def introduction() -> str:
-    return f"""For {PAIRS} random pairs of the half of the shapes that chose no constant of `match`: distance from each matched point to the true point along the surface, over the square root of the area, at all points of the truth. A pair is flipped if its points are nearer to the mirror images of the true ones. The floor is the mean distance of vertices to the nearest of {SAMPLES} samples. Seconds a pair on one core, with all that the two surfaces need; `match` takes {SAMPLES} samples of each. pyFM: wave kernel signatures, a functional map of 50 functions with pyFM's weights, ZoomOut to 150, without landmarks."""  # noqa: E501
+    return f"""For {PAIRS} random pairs of the half of the shapes that chose no constant of `match`: distance from each matched point to the true point along the surface, over the square root of the area, at all points of the truth. A pair is flipped if its points are nearer to the mirror images of the true ones. The floor is the mean distance of vertices to the nearest of {SAMPLES} samples. Seconds a pair on one core, with all that the two surfaces need, at a load of {os.getloadavg()[0]:.0f} on {available_cores()} cores; `match` takes {SAMPLES} samples of each. pyFM: wave kernel signatures, a functional map of 50 functions with pyFM's weights, ZoomOut to 150, without landmarks."""  # noqa: E501
 
 
 def section(title: str, target: float, found: list[dict[str, Outcome | float]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sqlite3
+import threading
 from contextlib import closing
 
 import pytest
@@ -52,21 +53,25 @@ def fill(connection: Connection) -> None:
 
 def test_each_event_of_a_job_is_observed_once_although_its_transaction_was_rolled_back(tmp_path, caplog):
     observer = Recorder()
+    started, released = threading.Event(), threading.Event()
+
+    def occupy(_: Connection) -> None:
+        started.set()
+        released.wait(PATIENCE)
 
     async def story(library: Library) -> list[str]:
         runner = JobRunner(library, workers=1, observer=observer)
         await runner.start()
         async with asyncio.timeout(PATIENCE):
-            with closing(sqlite3.connect(tmp_path / "library.db", isolation_level=None)) as other:
-                other.execute("BEGIN IMMEDIATE")  # so that the following changes wait, and share a transaction
-                first = asyncio.wrap_future(library.store.submit(lambda _: None))
-                sent = [
-                    asyncio.create_task(runner.submit_shape(Upload(small_mesh(number), "ply", FEW), REQUEST))
-                    for number in range(3)
-                ]
-                await asyncio.sleep(0)  # each task submits its change
-                full = asyncio.wrap_future(library.store.submit(fill))
-                other.execute("ROLLBACK")
+            first = asyncio.wrap_future(library.store.submit(occupy))
+            await asyncio.to_thread(started.wait, PATIENCE)  # then the following changes share a transaction
+            sent = [
+                asyncio.create_task(runner.submit_shape(Upload(small_mesh(number), "ply", FEW), REQUEST))
+                for number in range(3)
+            ]
+            await asyncio.sleep(0)  # each task submits its change
+            full = asyncio.wrap_future(library.store.submit(fill))
+            released.set()
             await first
             with pytest.raises(StoreFullError):
                 await full

@@ -269,7 +269,12 @@ export class Viewer {
   private drawMoving(): void {
     this.moved = performance.now();
     clearTimeout(this.resting);
-    if (isSlow(this.cost)) this.resting = window.setTimeout(() => this.draw(), REST);
+    if (isSlow(this.cost)) this.resting = window.setTimeout(() => this.rest(), REST);
+    this.draw();
+  }
+
+  private rest(): void {
+    this.moved = -Infinity; // a timer may be early by less than its resolution
     this.draw();
   }
 

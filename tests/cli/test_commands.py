@@ -28,7 +28,7 @@ from unbend.render.request import PictureRequest
 
 COMMANDS = {
     "serve", "signature", "flatten", "show", "compare", "import", "export", "query", "evaluate", "backup", "restore",
-    "keys", "openapi", "demo",
+    "keys", "openapi", "demo", "match", "transfer", "symmetry",
 }  # fmt: skip
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}

@@ -17,12 +17,15 @@ from unbend.cli.export import export
 from unbend.cli.flatten import flatten
 from unbend.cli.importing import import_folder
 from unbend.cli.keys import keys
+from unbend.cli.match import match
 from unbend.cli.openapi import openapi
 from unbend.cli.options import warn
 from unbend.cli.query import query
 from unbend.cli.serve import serve
 from unbend.cli.show import show
 from unbend.cli.signature import signature
+from unbend.cli.symmetry import symmetry
+from unbend.cli.transfer import transfer
 from unbend.errors import StoreInUseError, UnbendError
 
 EXIT_FAILED = 1
@@ -57,7 +60,7 @@ def main() -> None:
 
 
 for command in (
-    serve, signature, flatten, show, compare, import_folder, export, query, evaluate, backup, restore, keys, openapi,
-    demo,
+    serve, signature, flatten, show, compare, match, transfer, symmetry, import_folder, export, query, evaluate, backup,
+    restore, keys, openapi, demo,
 ):  # fmt: skip
     main.add_command(command)

@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from unbend.arrays import Bools, Floats, Indices, Ints, frozen
 
+_RIVAL: Final = 1.1
+"""A candidate is a rival of the chosen one up to this many times its figures, and what sampling alone adds to them."""
+
+_SAMPLING_STRETCH: Final = 0.005
+_SAMPLING_CURVATURE: Final = 0.03
+
+_APART: Final = 0.1
+"""Distance beyond which a candidate is a different map: more than two radii of 300 samples."""
+
 
 @dataclass(frozen=True)
 class Candidate:
-    """A map that was considered."""
+    """A map that was considered, as it was when all candidates were compared at the samples."""
 
     cost: float
-    """How badly distances and channels agree: the lower, the better. Costs compare candidates of the same pair only."""
+    """The product of the figures that follow, and of how far the functions of both surfaces disagree. The lower, the
+    better; costs compare candidates of the same pair only."""
+    stretch: float
+    """Mean change of geodesic distances, over the square root of the area."""
+    curvature: float
+    """Mean squared difference of the curvatures, in variances: 0 if equal, 2 if unrelated."""
+    agreement: float
+    """Mean cosine between oriented tangent planes: 1 if the orientation agrees everywhere, -1 if nowhere."""
     distance: float
     """Mean distance of its images from those of the chosen map, over the square root of the area of `b`."""
 
@@ -52,7 +69,12 @@ class Correspondence:
     def ambiguous(self) -> bool:
         """Whether a clearly different map is nearly as good, as for a rotation of a round body."""
         chosen, *others = self.candidates
-        return any(other.cost <= _RIVAL * chosen.cost + _EXACT and other.distance > _APART for other in others)
+        return any(
+            other.distance > _APART
+            and other.stretch <= _RIVAL * chosen.stretch + _SAMPLING_STRETCH
+            and other.curvature <= _RIVAL * chosen.curvature + _SAMPLING_CURVATURE
+            for other in others
+        )
 
     @property
     def matched(self) -> Bools:
@@ -64,8 +86,3 @@ class Correspondence:
         """The corner of the face that is nearest to each point, (n,); -1 where there is none."""
         nearest = self.target_faces[self.faces, np.nan_to_num(self.barycentric).argmax(axis=1)]
         return np.where(self.matched, nearest, -1).astype(np.int64)
-
-
-_RIVAL = 1.1  # a candidate is a rival of the chosen one up to this many times its cost
-_APART = 0.15  # and if it is farther away than this: three radii of 300 samples
-_EXACT = 1e-6  # costs below this are equal

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final, Literal, get_args
 
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, Singles
-from unbend.correspondence.bivectors import BIVECTOR_FUNCTIONS, compound, directions
-from unbend.correspondence.correspondence import Candidate, Correspondence
+from unbend.correspondence.candidates import FINE, Judged, judged_candidates, refine
+from unbend.correspondence.correspondence import Correspondence
 from unbend.correspondence.frame import Frame, frame_of
-from unbend.correspondence.growth import PointMap, embedded, grow, stretch
+from unbend.correspondence.growth import PointMap, embedded
 from unbend.correspondence.nearest import nearest_rows
 from unbend.correspondence.projection import project
-from unbend.correspondence.starts import candidate_maps
 from unbend.errors import ParameterError, check_choice
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.stencils import stencils_of
@@ -28,18 +27,9 @@ Turn = Literal["keep", "reverse", "any"]
 
 _FEWEST: Final = 20  # samples
 _TURNS: Final[dict[Turn, float]] = {"keep": 1.0, "reverse": -1.0, "any": 0.0}
-_STARTS: Final = 16  # maps that are grown on samples
-_REFINED: Final = 2  # maps that are grown on all vertices
-_COARSE: Final = (10, 15, 20, 30, 40, 50)  # numbers of functions
-_FINE: Final = (50, 70, 100)
+_REFINED: Final = 2  # candidates that are grown on all vertices
 _AGREEMENT: Final = 0.3  # least mean cosine between oriented planes
 _REACH: Final = 2.0  # a vertex is searched within this many radii of both samplings around the image of its sample
-
-
-@dataclass(frozen=True, eq=False)
-class _Grown:
-    map: PointMap
-    cost: float
 
 
 def match(
@@ -90,8 +80,11 @@ def match(
     first = frame_of(ours, samples, threads)
     second = first if ours is theirs else frame_of(theirs, samples, threads)
     turn = _TURNS[orientation] if first.orientation.known and second.orientation.known else 0.0
-    grown = _grown(first, second, turn)
-    return _result(a, b, first, second, grown, turn, threads)
+    judged = judged_candidates(first.at_samples(), second.at_samples(), turn)
+    refined = [refine(first, second, candidate, turn) for candidate in judged[:_REFINED]]
+    best = int(np.argmin([candidate.figures.cost for candidate in refined]))
+    order = [best, *(number for number in range(len(judged)) if number != best)]
+    return _result(a, b, first, second, refined[best].map, [judged[number] for number in order], turn, threads)
 
 
 def _used(surface: Surface) -> Surface:
@@ -104,39 +97,19 @@ def _used(surface: Surface) -> Surface:
     return Surface(surface.vertices[used], numbers[surface.faces])
 
 
-def _grown(a: Frame, b: Frame, turn: float) -> list[_Grown]:
-    """Return the distinct candidates, the best first; the first few are grown on all vertices."""
-    coarse_a, coarse_b = a.at_samples(), b.at_samples()
-    coarse = []
-    for start in candidate_maps(coarse_a, coarse_b, _STARTS):
-        found = grow(coarse_a, coarse_b, start, _COARSE, turn)
-        coarse.append(_Grown(found, _cost(coarse_a, coarse_b, found, _COARSE[-1], turn)))
-    coarse.sort(key=lambda one: one.cost)
-    grown = []
-    for one in coarse[:_REFINED]:
-        start = PointMap(b.samples[one.map.to], a.samples[one.map.back])
-        found = grow(a, b, start, _FINE, turn)
-        grown.append(_Grown(found, _cost(a, b, found, _COARSE[-1], turn)))
-    grown.sort(key=lambda one: one.cost)
-    rest = [_Grown(PointMap(b.samples[one.map.to], one.map.back), one.cost) for one in coarse[_REFINED:]]
-    return grown + rest
-
-
-def _cost(a: Frame, b: Frame, found: PointMap, size: int, turn: float) -> float:
-    """Return the mean change of distances times the mean misfit of channels: each alone is misled by some shapes."""
-    changed = float(a.weights @ stretch(a, b, found) @ b.weights)
-    ours, theirs = embedded(a, b, found, size, turn)
-    apart = (ours[a.samples] - theirs[found.to]) ** 2
-    return changed * float(a.weights @ apart.mean(axis=1))
-
-
 def _result(
-    a: Surface, b: Surface, first: Frame, second: Frame, grown: list[_Grown], turn: float, threads: int | None
+    a: Surface,
+    b: Surface,
+    first: Frame,
+    second: Frame,
+    chosen: PointMap,
+    judged: list[Judged],
+    turn: float,
+    threads: int | None,
 ) -> Correspondence:
-    chosen = grown[0].map
-    sources = chosen.to.astype(np.int32)
+    every, sources = np.arange(len(chosen.to)), chosen.to.astype(np.int32)
     rows = distance_rows(stencils_of(second.surface), sources, None, "spherical", threads) / second.unit
-    ours, theirs = embedded(first, second, chosen, _FINE[-1], turn)
+    ours, theirs = embedded(first, second, chosen, FINE[-1], turn)
     nearest = _nearest_within(first, second, ours, theirs, rows)
     faces, places = project(ours, nearest, theirs, second.surface.faces)
     changes = _changes(first, rows, second.surface.faces[faces], places)
@@ -152,9 +125,10 @@ def _result(
         target_vertices=len(b.vertices),
         confidence=confidence,
         residual=float(shares @ changes),
-        oriented=turn != 0 and _agreement(first, second, chosen, turn) >= _AGREEMENT,
+        oriented=turn != 0 and judged[0].figures.agreement >= _AGREEMENT,
         candidates=tuple(
-            Candidate(one.cost, float(first.weights @ rows[np.arange(len(sources)), one.map.to])) for one in grown
+            replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]]))
+            for one in judged
         ),
     )
 
@@ -182,13 +156,3 @@ def _changes(a: Frame, rows: Floats, corners: Ints, places: Floats) -> Floats:
         total[near] += a.weights[sample] * np.abs(own[near] - there)
         weight[near] += a.weights[sample]
     return total / weight
-
-
-def _agreement(a: Frame, b: Frame, found: PointMap, turn: float) -> float:
-    """Return the mean cosine between the oriented planes of the first functions at samples and their images."""
-    size = min(_COARSE[0], a.functions.shape[1], b.functions.shape[1])
-    f, g = a.functions[:, :size], b.functions[:, :size]
-    u, v = BIVECTOR_FUNCTIONS.start, min(BIVECTOR_FUNCTIONS.stop, size)
-    carried = ((f[a.samples] * a.masses[:, None]).T @ g[found.to])[u:v, u:v]
-    ours = directions(a.bivectors[a.samples] @ compound(carried))
-    return turn * float(a.weights @ (ours * directions(b.bivectors[found.to])).sum(axis=1))

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, TypeVar
 
-from unbend.arrays import Floats
+import numpy as np
+from numpy.typing import NDArray
+
+from unbend.arrays import Floats, Indices
 from unbend.errors import UnsuitedError
 from unbend.mesh.surface import Surface
+
+T = TypeVar("T", bound=np.generic)
 
 
 def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
@@ -34,3 +39,26 @@ def at_given_vertices(surface: Surface, distances: Floats) -> Floats:
     if surface.vertex_map is None:
         return distances
     return np.where(surface.vertex_map < 0, np.inf, distances[surface.vertex_map])
+
+
+def at_file_vertices(surface: Surface, values: NDArray[T], missing: Any) -> NDArray[T]:
+    """Return values at the vertices of the file, (k, ...), from values at the vertices of `surface`, (n, ...).
+
+    Vertices that simplification removed have the value `missing`.
+    """
+    if surface.vertex_map is None:
+        return values
+    found = values[surface.vertex_map]
+    found[surface.vertex_map < 0] = missing
+    return found
+
+
+def file_vertices(surface: Surface) -> Indices:
+    """Return the first vertex of the file that became each vertex of `surface`, (n,); -1 where none did."""
+    count = len(surface.vertices)
+    if surface.vertex_map is None:
+        return np.arange(count)
+    kept = np.flatnonzero(surface.vertex_map >= 0)[::-1]  # the first of several is written last
+    found = np.full(count, -1)
+    found[surface.vertex_map[kept]] = kept
+    return found

@@ -1,0 +1,75 @@
+"""Candidates: grown at the samples, judged, and the best ones grown on all vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from unbend.correspondence.bivectors import BIVECTOR_FUNCTIONS, compound, directions
+from unbend.correspondence.correspondence import Candidate
+from unbend.correspondence.frame import Frame
+from unbend.correspondence.growth import PointMap, embedded, grow, stretch
+from unbend.correspondence.starts import candidate_maps
+
+COARSE: Final = (10, 15, 20, 30, 40, 50)
+"""Numbers of functions of the maps between samples."""
+
+FINE: Final = (50, 70, 100)
+"""Numbers of functions of the maps between all vertices."""
+
+_STARTS: Final = 16
+
+_SAME: Final = 0.04
+"""Two candidates are the same if their images are nearer than this on average: about a radius of 300 samples."""
+
+_LEAST_AGREEMENT: Final = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A map, and its figures."""
+
+    map: PointMap
+    figures: Candidate
+
+
+def judged_candidates(a: Frame, b: Frame, turn: float) -> list[Judged]:
+    """Return the distinct candidates between two frames at their samples, the best first."""
+    grown = [grow(a, b, start, COARSE, turn) for start in candidate_maps(a, b, _STARTS)]
+    judged = sorted((judge(a, b, found, turn) for found in grown), key=lambda one: one.figures.cost)
+    distinct: list[Judged] = []
+    for one in judged:
+        if all(a.weights @ b.rows[one.map.to, other.map.to] > _SAME for other in distinct):
+            distinct.append(one)
+    return distinct
+
+
+def refine(a: Frame, b: Frame, candidate: Judged, turn: float) -> Judged:
+    """Grow a candidate between samples on all vertices."""
+    start = PointMap(b.samples[candidate.map.to], a.samples[candidate.map.back])
+    return judge(a, b, grow(a, b, start, FINE, turn), turn)
+
+
+def judge(a: Frame, b: Frame, found: PointMap, turn: float) -> Judged:
+    """Measure a map.
+
+    Distances, functions, curvature and orientation each mistake some wrong maps, such as a body turned back to front,
+    for right ones. Their product, in which no unit matters, mistakes far fewer.
+    """
+    changed = float(a.weights @ stretch(a, b, found) @ b.weights)
+    ours, theirs = embedded(a, b, found, COARSE[-1], turn)
+    apart = float(a.weights @ ((ours[a.samples] - theirs[found.to]) ** 2).mean(axis=1))
+    bent = float(a.weights @ ((a.curvatures[a.samples] - b.curvatures[found.to]) ** 2).mean(axis=1))
+    agreed = _agreement(a, b, found) * (turn or 1.0)
+    cost = changed * apart * bent / (max(agreed, _LEAST_AGREEMENT) if turn else 1.0)
+    return Judged(found, Candidate(cost, changed, bent, agreed, 0.0))
+
+
+def _agreement(a: Frame, b: Frame, found: PointMap) -> float:
+    """Return the mean cosine between the oriented planes of the first functions at samples and their images."""
+    size = min(COARSE[-1], a.functions.shape[1], b.functions.shape[1])
+    f, g = a.functions[:, :size], b.functions[:, :size]
+    u, v = BIVECTOR_FUNCTIONS.start, min(BIVECTOR_FUNCTIONS.stop, size)
+    carried = ((f[a.samples] * a.masses[:, None]).T @ g[found.to])[u:v, u:v]
+    ours = directions(a.bivectors[a.samples] @ compound(carried))
+    return float(a.weights @ (ours * directions(b.bivectors[found.to])).sum(axis=1))

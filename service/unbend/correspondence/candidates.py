@@ -11,7 +11,7 @@ from unbend.correspondence.frame import Frame
 from unbend.correspondence.growth import PointMap, embedded, grow, stretch
 from unbend.correspondence.starts import candidate_maps
 
-COARSE: Final = (10, 15, 20, 30, 40, 50)
+COARSE: Final = (9, 12, 18, 25, 35, 50)
 """Numbers of functions of the maps between samples."""
 
 FINE: Final = (50, 70, 100)
@@ -22,7 +22,8 @@ _STARTS: Final = 16
 _SAME: Final = 0.04
 """Two candidates are the same if their images are nearer than this on average: about a radius of 300 samples."""
 
-_LEAST_AGREEMENT: Final = 0.05
+_AGREEMENT: Final = 0.3
+"""Least mean cosine between oriented planes of a map that has the wanted orientation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +32,18 @@ class Judged:
 
     map: PointMap
     figures: Candidate
+    oriented: bool
+    """Whether it has the orientation that was asked for."""
+
+    def sort_key(self) -> tuple[bool, float]:
+        """Return a key that puts the better map first."""
+        return not self.oriented, self.figures.cost
 
 
 def judged_candidates(a: Frame, b: Frame, turn: float) -> list[Judged]:
     """Return the distinct candidates between two frames at their samples, the best first."""
     grown = [grow(a, b, start, COARSE, turn) for start in candidate_maps(a, b, _STARTS)]
-    judged = sorted((judge(a, b, found, turn) for found in grown), key=lambda one: one.figures.cost)
+    judged = sorted((judge(a, b, found, turn) for found in grown), key=Judged.sort_key)
     distinct: list[Judged] = []
     for one in judged:
         if all(a.weights @ b.rows[one.map.to, other.map.to] > _SAME for other in distinct):
@@ -61,15 +68,17 @@ def judge(a: Frame, b: Frame, found: PointMap, turn: float) -> Judged:
     apart = float(a.weights @ ((ours[a.samples] - theirs[found.to]) ** 2).mean(axis=1))
     bent = float(a.weights @ ((a.curvatures[a.samples] - b.curvatures[found.to]) ** 2).mean(axis=1))
     agreed = _agreement(a, b, found) * (turn or 1.0)
-    cost = changed * apart * bent / (max(agreed, _LEAST_AGREEMENT) if turn else 1.0)
-    return Judged(found, Candidate(cost, changed, bent, agreed, 0.0))
+    oriented = turn != 0 and agreed >= _AGREEMENT
+    cost = changed * apart * bent / (agreed if oriented else 1.0)
+    return Judged(found, Candidate(cost, changed, bent, agreed, 0.0), oriented)
 
 
 def _agreement(a: Frame, b: Frame, found: PointMap) -> float:
     """Return the mean cosine between the oriented planes of the first functions at samples and their images."""
-    size = min(COARSE[-1], a.functions.shape[1], b.functions.shape[1])
-    f, g = a.functions[:, :size], b.functions[:, :size]
-    u, v = BIVECTOR_FUNCTIONS.start, min(BIVECTOR_FUNCTIONS.stop, size)
-    carried = ((f[a.samples] * a.masses[:, None]).T @ g[found.to])[u:v, u:v]
+    size = min(a.functions.shape[1], b.functions.shape[1])
+    if size < BIVECTOR_FUNCTIONS.stop:
+        return 0.0
+    f, g = a.functions[:, BIVECTOR_FUNCTIONS], b.functions[:, BIVECTOR_FUNCTIONS]
+    carried = (f[a.samples] * a.masses[:, None]).T @ g[found.to]
     ours = directions(a.bivectors[a.samples] @ compound(carried))
     return float(a.weights @ (ours * directions(b.bivectors[found.to])).sum(axis=1))

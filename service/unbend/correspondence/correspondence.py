@@ -10,10 +10,10 @@ import numpy as np
 from unbend.arrays import Bools, Floats, Indices, Ints, frozen
 
 _RIVAL: Final = 1.1
-"""A candidate is a rival of the chosen one up to this many times its figures, and what sampling alone adds to them."""
+"""A candidate is a rival of the chosen one up to this many times its figures, and within what sampling alone causes."""
 
-_SAMPLING_STRETCH: Final = 0.005
-_SAMPLING_CURVATURE: Final = 0.03
+_SAMPLING_STRETCH: Final = 0.03
+_SAMPLING_CURVATURE: Final = 0.1
 
 _APART: Final = 0.1
 """Distance beyond which a candidate is a different map: more than two radii of 300 samples."""
@@ -71,8 +71,8 @@ class Correspondence:
         chosen, *others = self.candidates
         return any(
             other.distance > _APART
-            and other.stretch <= _RIVAL * chosen.stretch + _SAMPLING_STRETCH
-            and other.curvature <= _RIVAL * chosen.curvature + _SAMPLING_CURVATURE
+            and other.stretch <= max(_RIVAL * chosen.stretch, _SAMPLING_STRETCH)
+            and other.curvature <= max(_RIVAL * chosen.curvature, _SAMPLING_CURVATURE)
             for other in others
         )
 

@@ -75,7 +75,7 @@ def _closest(gram, ends):
     if area > 1e-12 * a * c:
         s, t = (c * d - b * e) / area, (a * e - b * d) / area
         if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
-            ends[0], ends[1], ends[2] = 1.0 - s - t, s, t
+            ends[0], ends[1], ends[2] = max(1.0 - s - t, 0.0), s, t
             return max(gram[0, 0] - s * d - t * e, 0.0)
     best = np.inf
     for i in range(3):

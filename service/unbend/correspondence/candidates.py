@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,8 +20,17 @@ FINE: Final = (50, 70, 100)
 
 _STARTS: Final = 16
 
-_SAME: Final = 0.04
-"""Two candidates are the same if their images are nearer than this on average: about a radius of 300 samples."""
+_SAME: Final = 1.0
+"""Two candidates are the same if their images are nearer than this many sampling radii on average."""
+
+_RIVAL: Final = 1.1
+"""A candidate is a rival of the chosen one up to this many times its figures, and within what sampling alone causes."""
+
+_SAMPLING_STRETCH: Final = 0.7  # sampling radii
+_SAMPLING_CURVATURE: Final = 0.1
+
+_APART: Final = 2.5
+"""Sampling radii beyond which a candidate is a different map."""
 
 _AGREEMENT: Final = 0.3
 """Least mean cosine between oriented planes of a map that has the wanted orientation."""
@@ -46,9 +56,20 @@ def judged_candidates(a: Frame, b: Frame, turn: float) -> list[Judged]:
     judged = sorted((judge(a, b, found, turn) for found in grown), key=Judged.sort_key)
     distinct: list[Judged] = []
     for one in judged:
-        if all(a.weights @ b.rows[one.map.to, other.map.to] > _SAME for other in distinct):
+        if all(a.weights @ b.rows[one.map.to, other.map.to] > _SAME * b.radius for other in distinct):
             distinct.append(one)
     return distinct
+
+
+def has_rival(figures: Sequence[Candidate], radius: float) -> bool:
+    """Return whether another of the figures shows distances and curvature kept nearly as well as the first."""
+    chosen, *others = figures
+    return any(
+        other.stretch <= max(_RIVAL * chosen.stretch, _SAMPLING_STRETCH * radius)
+        and other.curvature <= max(_RIVAL * chosen.curvature, _SAMPLING_CURVATURE)
+        for other in others
+        if other.distance > _APART * radius
+    )
 
 
 def refine(a: Frame, b: Frame, candidate: Judged, turn: float) -> Judged:

@@ -1,4 +1,4 @@
-"""What is known of each vertex of a surface before it is matched: a frame of channels that bending hardly changes."""
+"""The frame of a surface: all channels of its vertices that matching compares, which bending hardly changes."""
 
 from __future__ import annotations
 

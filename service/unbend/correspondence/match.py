@@ -8,7 +8,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, Singles
-from unbend.correspondence.candidates import FINE, Judged, judged_candidates, refine
+from unbend.correspondence.candidates import FINE, Judged, has_rival, judged_candidates, refine
 from unbend.correspondence.correspondence import Correspondence
 from unbend.correspondence.frame import Frame, frame_of
 from unbend.correspondence.growth import embedded
@@ -116,6 +116,9 @@ def _result(
     all_faces, all_places, confidence = np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.zeros(count)
     all_faces[used], all_places[used] = faces, places
     confidence[used] = np.exp(-changes / max(second.radius, np.finfo(np.float64).tiny))
+    figures = tuple(
+        replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]])) for one in judged
+    )
     shares = first.surface.vertex_areas / first.surface.area
     return Correspondence(
         faces=all_faces,
@@ -125,10 +128,8 @@ def _result(
         confidence=confidence,
         residual=float(shares @ changes),
         oriented=chosen.oriented,
-        candidates=tuple(
-            replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]]))
-            for one in judged
-        ),
+        ambiguous=has_rival(figures, second.radius),
+        candidates=figures,
     )
 
 

@@ -1,0 +1,1 @@
+"""Correspondences between real shapes, against their truth."""

@@ -107,11 +107,12 @@ def main() -> None:
         floors.append(f"{np.mean([floor(a, b) for a, b in listed[:PEER_PAIRS]]):.4f} ({dataset})")
     text = (
         "Each vertex of one mesh is matched to another, and the error is the geodesic distance from the true "
-        "point, over the square root of the area, at all 5,000 true points (the protocol of Kim, Lipman & Funkhouser 2011). "
+        "point, over the square root of the area, at all 5,000 true points (the protocol of Kim, Lipman & Funkhouser "
+        "2011). "
         "Constants were chosen on other meshes: FAUST's of even number, and TOSCA's cat, david, horse and wolf. "
         "**Flipped**: nearer to the mirror image of the truth. **Trusted**: mean error of the half of the points with "
-        "the highest confidence. Time: one thread, both surfaces from mesh to match, with samples and distances, at 300 "
-        "samples.\n\n"
+        "the highest confidence. Time: one thread, both surfaces from mesh to match, with samples and distances, at "
+        "300 samples.\n\n"
         + table(["", "pairs", "mean", "median pair", "worst pair", "trusted", "flipped", "time"], rows)
         + "\n\n**Points with at most this error:**\n\n"
         + table(["", *map(str, LEVELS)], curves)

@@ -184,8 +184,8 @@ class Client:
     ) -> Json:
         """Return for each vertex of the stored shape `a` its point of the stored shape `b`.
 
-        `corners` and `barycentric` have three vertices of the file of `b` and their weights, and `confidence` one number
-        for each vertex of the file of `a`.
+        `corners` and `barycentric` have three vertices of the file of `b` and their weights, and `confidence` one
+        number for each vertex of the file of `a`.
         """
         job = Job(self, self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, samples)).json())
         protocol.outcome(job.wait(timeout))

@@ -1,4 +1,4 @@
-"""What each part of `match` contributes, on the pairs on which its constants were chosen.
+"""The contribution of each part of `match`, on the pairs on which its constants were chosen.
 
 Takes five minutes. Writes the section "correspondence-choice" of docs/benchmarks.md.
 """
@@ -45,15 +45,15 @@ def main() -> None:
             for a, b in pairs(dataset, "choice", PAIRS):
                 with _without(part) as options:
                     found = match(a.surface, b.surface, threads=1, **options)
-                right, mirrored = errors(a, b, found.vertices)
+                right, mirrored = errors(a, b, found.vertices, every=10)
                 means.append(min(right.mean(), mirrored.mean()))
                 flipped += bool(mirrored.mean() < right.mean())
             cells += [f"{np.mean(means):.4f}", f"{flipped} of {PAIRS}"]
             print(part, cells, flush=True)
         rows.append(cells)
     text = (
-        "On the meshes on which constants were chosen: mean error from the truth or from its mirror image, whichever is "
-        "nearer, and how often the mirror image was.\n\n"
+        "On the meshes on which constants were chosen: mean error from the truth or from its mirror image, whichever "
+        "is nearer, and how often the mirror image was.\n\n"
         + table(["left out", *(f"{name}{more}" for name in DATASETS for more in ("", ": flipped"))], rows)
     )
     write_section(ROOT / "docs" / "benchmarks.md", "correspondence-choice", text)

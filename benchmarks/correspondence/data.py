@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.common import DATA
 from unbend import Surface, geodesic_distances, read_mesh
-from unbend.arrays import Floats, Indices
+from unbend.arrays import Indices, Singles
 
 Half = Literal["choice", "report"]
 Dataset = Literal["FAUST, between persons", "TOSCA, within an object"]
@@ -57,23 +57,28 @@ def pairs(dataset: Dataset, half: Half, count: int, seed: int = 0) -> list[tuple
     return [(subject(folder, listed[place][0]), subject(folder, listed[place][1])) for place in order]
 
 
-def errors(a: Subject, b: Subject, images: Indices, every: int = 1) -> tuple[Floats, Floats]:
+@lru_cache(maxsize=20)
+def _distances(b: Subject, every: int) -> tuple[Singles, Indices]:
+    """Return the distances from the vertices of true points to all, and the row of each point."""
+    sources, rows = np.unique(b.points[::every], return_inverse=True)
+    return (geodesic_distances(b.surface, sources) / np.sqrt(b.surface.area)).astype(np.float32), rows
+
+
+def errors(a: Subject, b: Subject, images: Indices, every: int = 1) -> tuple[Singles, Singles]:
     """Return the geodesic distance of each point's image from the truth, and from its mirror image, over sqrt(area).
 
-    `images` has a vertex of b for each vertex of a; `every` takes only each so many points. The Princeton protocol (Kim, Lipman & Funkhouser 2011).
+    `images` has a vertex of b for each vertex of a; `every` takes only each so many points. The protocol of Kim, Lipman
+    & Funkhouser 2011.
     """
-    unit = np.sqrt(b.surface.area)
-    sources, rows = np.unique(b.points[::every], return_inverse=True)
-    distances = geodesic_distances(b.surface, sources).astype(np.float32)
-    return distances[rows, images[a.points[::every]]] / unit, distances[rows, images[a.mirrored[::every]]] / unit
+    distances, rows = _distances(b, every)
+    return distances[rows, images[a.points[::every]]], distances[rows, images[a.mirrored[::every]]]
 
 
 def floor(a: Subject, b: Subject) -> float:
     """Return the least mean error that a map between vertices can have: several points share a vertex of `a`."""
-    sources, rows = np.unique(b.points, return_inverse=True)
-    distances = geodesic_distances(b.surface, sources)[:, sources]
+    distances, rows = _distances(b, 1)
     total = 0.0
     for vertex in np.unique(a.points):
-        here = rows[a.points == vertex]
-        total += distances[np.ix_(here, here)].sum(axis=1).min()
-    return float(total / len(a.points) / np.sqrt(b.surface.area))
+        here = np.flatnonzero(a.points == vertex)
+        total += distances[np.ix_(rows[here], b.points[here])].sum(axis=1).min()
+    return float(total / len(a.points))

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.common import ROOT, table, write_section
 from benchmarks.correspondence.data import DATASETS, Subject, errors, floor, pairs
 from unbend import match
-from unbend.arrays import Floats, Indices
+from unbend.arrays import Floats, Indices, Singles
 
 PAIRS: Final = int(os.environ.get("PAIRS", "30"))
 PEER_PAIRS: Final = 10
@@ -30,7 +30,7 @@ Method = Callable[[Subject, Subject], tuple[Indices, Floats | None]]
 class Outcome:
     """The errors of one pair."""
 
-    errors: Floats
+    errors: Singles
     flipped: bool
     seconds: float
     trusted: float

@@ -1,1 +1,1 @@
-"""Benchmarks of correspondences against the truth and another library."""
+"""Correspondences between real shapes, against their truth."""

@@ -53,7 +53,7 @@ def stall(seed: int) -> Report:
             longest: dict[str, tuple[float, float]] = {}
             for name, act in _acts(server, ids, large).items():
                 begun = time.monotonic()
-                with watchdog(server.url) as stalls:
+                with watchdog(server) as stalls:
                     act()
                 most = max(most, _resident(server))
                 longest[name] = stalls.longest, time.monotonic() - begun

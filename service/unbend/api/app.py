@@ -22,7 +22,7 @@ from unbend.api.middleware.prefix import ASSETS, Prefix
 from unbend.api.middleware.requests import RequestLogging
 from unbend.api.middleware.response_budget import ResponseBudget
 from unbend.api.middleware.security_headers import SecurityHeaders
-from unbend.api.routes import backups, demo, health, jobs, overview, page, pictures, queries, shapes
+from unbend.api.routes import backups, demo, health, jobs, matches, overview, page, pictures, queries, shapes
 from unbend.api.routes.unknown_fields import no_other_parameters
 from unbend.api.schema import problems
 from unbend.api.schema.openapi import install_schema
@@ -103,7 +103,7 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url=ASSETS,
         redirect_slashes=False, generate_unique_id_function=lambda route: route.name,
     )  # fmt: skip
-    for routes in (shapes, pictures, jobs, queries, overview, demo, backups, health):
+    for routes in (shapes, pictures, jobs, queries, matches, overview, demo, backups, health):
         app.include_router(routes.router, prefix=API_PREFIX, dependencies=[Depends(no_other_parameters)])
     app.include_router(page.router, include_in_schema=False)
     _add_middleware(app, chosen, metrics, traces)

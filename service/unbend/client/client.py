@@ -173,6 +173,24 @@ class Client:
         body = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
         return dict(self.request("POST", "/v1/queries", json=body).json())
 
+    def match(
+        self,
+        a: str,
+        b: str,
+        *,
+        orientation: str | None = None,
+        samples: int | None = None,
+        timeout: float | None = None,
+    ) -> Json:
+        """Return for each vertex of the stored shape `a` its point of the stored shape `b`.
+
+        `corners` and `barycentric` have three vertices of the file of `b` and their weights, and `confidence` one
+        number for each vertex of the file of `a`.
+        """
+        job = Job(self, self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, samples)).json())
+        protocol.outcome(job.wait(timeout))
+        return dict(self.request("GET", protocol.file_path(job.id)).json())
+
     def shape(self, shape_id: str) -> Json:
         """Return a shape's record."""
         return dict(self.request("GET", f"/v1/shapes/{shape_id}").json())
@@ -371,6 +389,21 @@ class AsyncClient:
         """Return the ranking for a stored shape."""
         body = protocol.shape_query(shape_id, QueryOptions(measure, classifier, k))
         return dict((await self.request("POST", "/v1/queries", json=body)).json())
+
+    async def match(
+        self,
+        a: str,
+        b: str,
+        *,
+        orientation: str | None = None,
+        samples: int | None = None,
+        timeout: float | None = None,
+    ) -> Json:
+        """Return for each vertex of a stored shape its point of another, as `Client.match` does."""
+        response = await self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, samples))
+        job = AsyncJob(self, response.json())
+        protocol.outcome(await job.wait(timeout))
+        return dict((await self.request("GET", protocol.file_path(job.id))).json())
 
     async def shape(self, shape_id: str) -> Json:
         """Return a shape's record."""

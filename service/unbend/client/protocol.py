@@ -111,6 +111,12 @@ def shape_query(shape_id: str, options: QueryOptions) -> Json:
     return {"shape_id": shape_id} | {name: value for name, value in vars(options).items() if value is not None}
 
 
+def match(a: str, b: str, orientation: str | None, samples: int | None) -> Json:
+    """Return the body of a match of two stored shapes."""
+    given = {"orientation": orientation, "samples": samples}
+    return {"a": a, "b": b} | {name: value for name, value in given.items() if value is not None}
+
+
 def overview(measure: str | None, parameters: Mapping[str, Any] | None, distance: str | None = None) -> dict[str, str]:
     """Return the parameters of a map or an evaluation."""
     text = None if parameters is None else json.dumps(dict(parameters))
@@ -126,6 +132,11 @@ def page(label: str | None, cursor: str | None) -> dict[str, str]:
 def job_path(job_id: str) -> str:
     """Return the path of a job."""
     return f"/v1/jobs/{job_id}"
+
+
+def file_path(job_id: str) -> str:
+    """Return the path of the file that a job made."""
+    return f"{job_path(job_id)}/file"
 
 
 def events_path(job_id: str) -> str:

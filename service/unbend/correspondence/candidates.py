@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +12,7 @@ from unbend.correspondence.features import Features
 from unbend.correspondence.growth import PointMap, embedded, grow, stretch
 from unbend.correspondence.starts import candidate_maps
 
-COARSE: Final = (10, 15, 20, 30, 40, 50)
+COARSE: Final = (9, 12, 18, 25, 35, 50)
 """Numbers of functions of the maps between samples."""
 
 FINE: Final = (50, 70, 100)
@@ -19,10 +20,20 @@ FINE: Final = (50, 70, 100)
 
 _STARTS: Final = 16
 
-_SAME: Final = 0.04
-"""Two candidates are the same if their images are nearer than this on average: about a radius of 300 samples."""
+_SAME: Final = 1.0
+"""Two candidates are the same if their images are nearer than this many sampling radii on average."""
 
-_LEAST_AGREEMENT: Final = 0.05
+_RIVAL: Final = 1.1
+"""A candidate is a rival of the chosen one up to this many times its figures, and within what sampling alone causes."""
+
+_SAMPLING_STRETCH: Final = 0.7  # sampling radii
+_SAMPLING_CURVATURE: Final = 0.1
+
+_APART: Final = 2.5
+"""Sampling radii beyond which a candidate is a different map."""
+
+_AGREEMENT: Final = 0.3
+"""Least mean cosine between oriented planes of a map that has the wanted orientation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,24 +42,34 @@ class Judged:
 
     map: PointMap
     figures: Candidate
-    contradicts: bool
-    """Whether the map has the wrong orientation, as the identity has where a reflection is sought."""
+    oriented: bool
+    """Whether it has the orientation that was asked for."""
 
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """The order of candidates, the best first."""
-        return self.contradicts, self.figures.cost
+    def sort_key(self) -> tuple[bool, float]:
+        """Return a key that puts the better map first."""
+        return not self.oriented, self.figures.cost
 
 
 def judged_candidates(a: Features, b: Features, turn: float) -> list[Judged]:
     """Return the distinct candidates between two surfaces at their samples, the best first."""
     grown = [grow(a, b, start, COARSE, turn) for start in candidate_maps(a, b, _STARTS)]
-    judged = sorted((judge(a, b, found, turn) for found in grown), key=lambda one: one.rank)
+    judged = sorted((judge(a, b, found, turn) for found in grown), key=Judged.sort_key)
     distinct: list[Judged] = []
     for one in judged:
-        if all(a.weights @ b.rows[one.map.to, other.map.to] > _SAME for other in distinct):
+        if all(a.weights @ b.rows[one.map.to, other.map.to] > _SAME * b.radius for other in distinct):
             distinct.append(one)
     return distinct
+
+
+def has_rival(figures: Sequence[Candidate], radius: float) -> bool:
+    """Return whether another of the figures shows distances and curvature kept nearly as well as the first."""
+    chosen, *others = figures
+    return any(
+        other.stretch <= max(_RIVAL * chosen.stretch, _SAMPLING_STRETCH * radius)
+        and other.curvature <= max(_RIVAL * chosen.curvature, _SAMPLING_CURVATURE)
+        for other in others
+        if other.distance > _APART * radius
+    )
 
 
 def refine(a: Features, b: Features, candidate: Judged, turn: float) -> Judged:
@@ -68,16 +89,17 @@ def judge(a: Features, b: Features, found: PointMap, turn: float) -> Judged:
     apart = float(a.weights @ ((ours[a.samples] - theirs[found.to]) ** 2).mean(axis=1))
     bent = float(a.weights @ ((a.curvatures[a.samples] - b.curvatures[found.to]) ** 2).mean(axis=1))
     agreed = _agreement(a, b, found) * (turn or 1.0)
-    contradicts = turn != 0 and agreed < _LEAST_AGREEMENT
-    cost = changed * apart * bent / (max(agreed, _LEAST_AGREEMENT) if turn else 1.0)
-    return Judged(found, Candidate(cost, changed, bent, agreed, 0.0), contradicts)
+    oriented = turn != 0 and agreed >= _AGREEMENT
+    cost = changed * apart * bent / (agreed if oriented else 1.0)
+    return Judged(found, Candidate(cost, changed, bent, agreed, 0.0), oriented)
 
 
 def _agreement(a: Features, b: Features, found: PointMap) -> float:
     """Return the mean cosine between the oriented planes of the first functions at samples and their images."""
-    size = min(COARSE[-1], a.functions.shape[1], b.functions.shape[1])
-    f, g = a.functions[:, :size], b.functions[:, :size]
-    u, v = BIVECTOR_FUNCTIONS.start, min(BIVECTOR_FUNCTIONS.stop, size)
-    carried = ((f[a.samples] * a.masses[:, None]).T @ g[found.to])[u:v, u:v]
+    size = min(a.functions.shape[1], b.functions.shape[1])
+    if size < BIVECTOR_FUNCTIONS.stop:
+        return 0.0
+    f, g = a.functions[:, BIVECTOR_FUNCTIONS], b.functions[:, BIVECTOR_FUNCTIONS]
+    carried = (f[a.samples] * a.masses[:, None]).T @ g[found.to]
     ours = directions(a.bivectors[a.samples] @ compound(carried))
     return float(a.weights @ (ours * directions(b.bivectors[found.to])).sum(axis=1))

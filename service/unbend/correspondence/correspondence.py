@@ -3,20 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from unbend.arrays import Bools, Floats, Indices, Ints, frozen
-
-_RIVAL: Final = 1.1
-"""A candidate is a rival of the chosen one up to this many times its figures, and what sampling alone adds to them."""
-
-_SAMPLING_STRETCH: Final = 0.025
-_SAMPLING_CURVATURE: Final = 0.2
-
-_APART: Final = 0.1
-"""Distance beyond which a candidate is a different map: more than two radii of 300 samples."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +45,8 @@ class Correspondence:
     oriented: bool
     """Whether the orientation of the triangles decided between mirrored maps. Otherwise the surfaces have no known
     sides, or the map agrees with neither orientation, and the map may be a mirror image of the right one."""
+    ambiguous: bool
+    """Whether a different map keeps distances and curvature nearly as well, as for a rotation of a round body."""
     candidates: tuple[Candidate, ...]
     """All distinct maps that were considered, the chosen one first, then by cost."""
 
@@ -64,17 +56,6 @@ class Correspondence:
         }  # fmt: skip
         for name, kind in kinds.items():
             object.__setattr__(self, name, frozen(getattr(self, name), kind))
-
-    @property
-    def ambiguous(self) -> bool:
-        """Whether a clearly different map is nearly as good, as for a rotation of a round body."""
-        chosen, *others = self.candidates
-        return any(
-            other.distance > _APART
-            and other.stretch <= _RIVAL * chosen.stretch + _SAMPLING_STRETCH
-            and other.curvature <= _RIVAL * chosen.curvature + _SAMPLING_CURVATURE
-            for other in others
-        )
 
     @property
     def matched(self) -> Bools:

@@ -63,12 +63,11 @@ def embedded(a: Features, b: Features, known: PointMap, size: int, turn: float) 
     returned = ((g[b.samples] * b.masses[:, None]).T @ f[known.back]).astype(np.float32)
     blocks = [(f @ carried, g, FUNCTION_NOISE), (f, g @ returned, FUNCTION_NOISE)]
     blocks += [(a.curvatures, b.curvatures, FEATURE_NOISE)]
-    if turn:
-        u, v = BIVECTOR_FUNCTIONS.start, min(BIVECTOR_FUNCTIONS.stop, size)
-        planes, others = a.bivectors, np.float32(turn) * b.bivectors
+    if turn and size >= BIVECTOR_FUNCTIONS.stop:  # a mesh of a few vertices has fewer functions
+        smooth, planes, others = BIVECTOR_FUNCTIONS, a.bivectors, np.float32(turn) * b.bivectors
         blocks += [
-            (directions(planes @ compound(carried[u:v, u:v])), directions(others), FEATURE_NOISE),
-            (directions(planes), directions(others @ compound(returned[u:v, u:v])), FEATURE_NOISE),
+            (directions(planes @ compound(carried[smooth, smooth])), directions(others), FEATURE_NOISE),
+            (directions(planes), directions(others @ compound(returned[smooth, smooth])), FEATURE_NOISE),
         ]
     ours, theirs = [], []
     for one, other, noise in blocks:

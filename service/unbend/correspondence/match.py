@@ -8,10 +8,10 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, Singles
-from unbend.correspondence.candidates import FINE, Judged, judged_candidates, refine
+from unbend.correspondence.candidates import FINE, Judged, has_rival, judged_candidates, refine
 from unbend.correspondence.correspondence import Correspondence
 from unbend.correspondence.features import Features, features_of
-from unbend.correspondence.growth import PointMap, embedded
+from unbend.correspondence.growth import embedded
 from unbend.correspondence.nearest import nearest_rows
 from unbend.correspondence.projection import project
 from unbend.errors import ParameterError, check_choice
@@ -28,7 +28,6 @@ Turn = Literal["keep", "reverse", "any"]
 _FEWEST: Final = 20  # samples
 _TURNS: Final[dict[Turn, float]] = {"keep": 1.0, "reverse": -1.0, "any": 0.0}
 _REFINED: Final = 2  # candidates that are grown on all vertices
-_AGREEMENT: Final = 0.3  # least mean cosine between oriented planes
 _REACH: Final = 2.0  # a vertex is searched within this many radii of both samplings around the image of its sample
 
 
@@ -82,9 +81,9 @@ def match(
     turn = _TURNS[orientation] if first.orientation.known and second.orientation.known else 0.0
     judged = judged_candidates(first.at_samples(), second.at_samples(), turn)
     refined = [refine(first, second, candidate, turn) for candidate in judged[:_REFINED]]
-    best = min(range(len(refined)), key=lambda number: refined[number].rank)
+    best = min(range(len(refined)), key=lambda number: refined[number].sort_key())
     order = [best, *(number for number in range(len(judged)) if number != best)]
-    return _result(a, b, first, second, refined[best].map, [judged[number] for number in order], turn, threads)
+    return _result(a, b, first, second, refined[best], [judged[number] for number in order], turn, threads)
 
 
 def _used(surface: Surface) -> Surface:
@@ -102,14 +101,14 @@ def _result(
     b: Surface,
     first: Features,
     second: Features,
-    chosen: PointMap,
+    chosen: Judged,
     judged: list[Judged],
     turn: float,
     threads: int | None,
 ) -> Correspondence:
-    every, sources = np.arange(len(chosen.to)), chosen.to.astype(np.int32)
+    every, sources = np.arange(len(chosen.map.to)), chosen.map.to.astype(np.int32)
     rows = distance_rows(stencils_of(second.surface), sources, None, "spherical", threads) / second.unit
-    ours, theirs = embedded(first, second, chosen, FINE[-1], turn)
+    ours, theirs = embedded(first, second, chosen.map, FINE[-1], turn)
     nearest = _nearest_within(first, second, ours, theirs, rows)
     faces, places = project(ours, nearest, theirs, second.surface.faces)
     changes = _changes(first, rows, second.surface.faces[faces], places)
@@ -117,6 +116,9 @@ def _result(
     all_faces, all_places, confidence = np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.zeros(count)
     all_faces[used], all_places[used] = faces, places
     confidence[used] = np.exp(-changes / max(second.radius, np.finfo(np.float64).tiny))
+    figures = tuple(
+        replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]])) for one in judged
+    )
     shares = first.surface.vertex_areas / first.surface.area
     return Correspondence(
         faces=all_faces,
@@ -125,11 +127,9 @@ def _result(
         target_vertices=len(b.vertices),
         confidence=confidence,
         residual=float(shares @ changes),
-        oriented=turn != 0 and judged[0].figures.agreement >= _AGREEMENT,
-        candidates=tuple(
-            replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]]))
-            for one in judged
-        ),
+        oriented=chosen.oriented,
+        ambiguous=has_rival(figures, second.radius),
+        candidates=figures,
     )
 
 

@@ -11,6 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.correspondence.export import export_correspondence
+from unbend.correspondence.match import Turn, match
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
@@ -227,11 +229,20 @@ def _form_file(mesh: StoredMesh, shape_id: str, file_type: str) -> bytes:
     return canonical_form_file(mesh, _library(mesh.library_url).shapes.signature(shape_id), file_type)
 
 
+def _match_file(mesh: StoredMesh, other_id: str, orientation: Turn, samples: int, file_type: str) -> bytes:
+    other = _library(mesh.library_url).shapes.get(other_id)
+    target = _read(StoredMesh(mesh.library_url, other.sha256, other.file_type, other.policy))
+    surface = _read(mesh)
+    found = match(surface, target, samples=samples, orientation=orientation, threads=1)
+    return export_correspondence(found, surface, target, file_type)
+
+
 _FILE_CALLS: Final[Mapping[FileCall, Callable[..., bytes]]] = {
     "mesh": convert,
     "signature": _form_file,
     "flattening": _flattening_file,
     "geodesics": _geodesics_file,
+    "match": _match_file,
 }
 
 

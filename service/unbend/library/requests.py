@@ -36,7 +36,7 @@ ShapeOrder = Literal["oldest", "newest"]
 IfKnown = Literal["keep", "update"]
 """Whether a shape that is stored already keeps its name, label and metadata, or takes the new ones."""
 
-FileCall = Literal["mesh", "signature", "flattening", "geodesics"]
+FileCall = Literal["mesh", "signature", "flattening", "geodesics", "match"]
 """The kind of file that a job makes of a stored shape."""
 
 

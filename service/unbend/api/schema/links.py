@@ -35,7 +35,12 @@ def shape_links(place: str, *left_out: str) -> Links:
             "operationId": "query",
             "requestBody": {"shape_id": place},
             "description": "Shapes that are similar to the shape.",
-        }
+        },
+        "match_shapes": {
+            "operationId": "match_shapes",
+            "requestBody": {"a": place, "b": place},
+            "description": "The points of the shape on itself.",
+        },
     }
 
 

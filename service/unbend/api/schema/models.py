@@ -8,11 +8,13 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.api.schema.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
+from unbend.correspondence.match import Turn
 from unbend.library import records
 from unbend.library.records import JobRecord, ShapeRecord
 from unbend.library.requests import JobKind
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.mesh.formats import WrittenFormat
 from unbend.names import MAX_TEXT
 
 _WARNINGS: Final = "Reasons why the result may be wrong, and what to do; usually empty."
@@ -201,6 +203,22 @@ class ShapeQuery(BaseModel):
     measure: MeasureName = DEFAULT_MEASURE
     classifier: ClassifierName = DEFAULT_CLASSIFIER
     k: Whole = Field(10, ge=1, le=1000)
+
+
+class Match(BaseModel):
+    """A match of two stored shapes."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    a: Annotated[Id, Field(min_length=1, max_length=64, description="The shape whose vertices are matched.")]
+    b: Annotated[Id, Field(min_length=1, max_length=64, description="The shape whose points they are.")]
+    orientation: Turn = Field(
+        "keep", description="Whether the match keeps the orientation of the triangles, reverses it, or either."
+    )
+    samples: Whole = Field(300, ge=20, le=2000, description="Farthest point samples of each shape.")
+    format: Literal["json", WrittenFormat, "npz"] = Field(
+        "json", description="`json` or `npz`: the points. Others: `a` in the colours of `b`."
+    )
 
 
 class ClassCount(BaseModel):

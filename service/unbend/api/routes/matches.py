@@ -1,0 +1,47 @@
+"""Matches: which point of one stored shape is which point of another."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import APIRouter, Depends, Request, Response
+
+from unbend.api.routes.downloads import sends
+from unbend.api.routes.jobs import accepted
+from unbend.api.routes.senders import key_of
+from unbend.api.schema.headers import LOCATION
+from unbend.api.schema.links import job_links
+from unbend.api.schema.models import Job, Match
+from unbend.api.schema.problems import problem_responses
+from unbend.api.server.service import ServiceDependency
+from unbend.library.jobs import Sender
+from unbend.library.requests import FileRequest
+
+router = APIRouter(prefix="/matches", tags=["matches"])
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=Job,
+    responses={
+        202: {"headers": LOCATION, "links": job_links("$response.body#/id")},
+        **problem_responses(404, 415, 422, 429),
+    },
+    dependencies=[Depends(sends("application/json"))],
+)
+async def match_shapes(service: ServiceDependency, request: Request, wanted: Match) -> Response:
+    """Find for each vertex of one stored shape the point of another that is the same place.
+
+    The response is the job that makes the file. Download it from `/jobs/{job_id}/file`: for each vertex of the first
+    uploaded file, the vertices of the second at the corners of its triangle, their weights, and a confidence; or the
+    first mesh in the colours of the second.
+    """
+    first, second = [await asyncio.to_thread(service.library.shapes.get, each) for each in (wanted.a, wanted.b)]
+    arguments = {
+        "other_id": second.id, "orientation": wanted.orientation, "samples": wanted.samples, "file_type": wanted.format,
+    }  # fmt: skip
+    key = key_of(request)
+    sender, most_owned = Sender(key.id if key else None), key.most_jobs if key else None
+    file = FileRequest("match", arguments, wanted.format, f"{first.name}-{second.name}")
+    return await accepted(service, await service.runner.submit_file(first, file, sender, most_owned))

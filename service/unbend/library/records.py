@@ -77,6 +77,13 @@ class ShapeMatch:
     name: str
     label: str | None
     distance: float
+    part: Mapping[str, Any] | None = None
+    """What the query is to the shape, under a measure of parts: see `Comparison.as_dict`."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the match as JSON values, without `part` if there is none."""
+        known = {"id": self.id, "name": self.name, "label": self.label, "distance": self.distance}
+        return known if self.part is None else known | {"part": dict(self.part)}
 
 
 @dataclass(frozen=True)

@@ -63,13 +63,12 @@ def pack_signature(signature: Signature) -> bytes:
 def pack_local(local: LocalSignatures) -> bytes:
     """Return local signatures as an npz file of about 60 kB.
 
-    Rings have half precision, which changes profiles by a fiftieth of their usual deviation. Distances are counts of
-    the 255 steps to which they are rounded, above the diagonal.
+    Distances above the diagonal are counts of the 255 steps to which they are rounded.
     """
     step = float(local.distances.max(initial=0.0)) / STEPS
     above = local.distances[np.triu_indices(len(local), 1)]
     arrays = {
-        "places": local.places, "rings": local.rings.astype(np.float16), "reach": local.reach,
+        "places": local.places, "growth": local.growth, "reach": local.reach,
         "distances": np.rint(above / step).astype(np.uint8) if step > 0 else np.zeros(len(above), np.uint8),
     }  # fmt: skip
     return _archive(arrays, {"first": local.first, "area": local.area, "version": local.version, "step": step})
@@ -81,7 +80,7 @@ def unpack_local(payload: bytes) -> LocalSignatures:
         about = json.loads(file["about"].tobytes())
         distances = np.zeros((len(file["places"]),) * 2, np.float32)
         distances[np.triu_indices(len(distances), 1)] = file["distances"] * np.float32(about.pop("step"))
-        arrays = {name: file[name] for name in ("places", "rings", "reach")}
+        arrays = {name: file[name] for name in ("places", "growth", "reach")}
         return LocalSignatures(**arrays, distances=distances + distances.T, **about)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from unbend.arrays import Floats, Ints, Singles, frozen
 from unbend.errors import MeshGeometryError
@@ -29,11 +30,11 @@ CENTRES: Final = 300
 OCTAVE: Final = 4
 """Rungs of the ladder of radii to one doubling."""
 
-RUNGS: Final = 18
-"""Rings around each centre. From 0.06 to 1.1 times the square root of the area, they reach across a piece, too."""
+RUNGS: Final = 19
+"""Circles around each centre. From 0.05 to 1.2 times the square root of the area, they reach across a piece, too."""
 
-SMALLEST: Final = 2.0**-4
-"""Radius of the first ring's outer circle, over the square root of the area; rounded to the nearest rung."""
+SMALLEST: Final = 2.0**-4.25
+"""Radius of the smallest circle over the square root of the area; rounded to the nearest rung."""
 
 STEPS: Final = 255
 """Distances between centres are stored in 255 steps: a hundredth of the largest is less than the centres' spacing."""
@@ -53,10 +54,10 @@ class LocalSignatures:
 
     places: Singles
     """Coordinates of the centres, (c, 3), in the order of farthest point sampling."""
-    rings: Singles
-    """Area between neighbouring circles over the square of the outer radius, (c, 18): 0.92 in a plane."""
+    growth: Singles
+    """Area of each circle over the square of its radius, (c, 19): pi in a plane."""
     first: int
-    """The first ring's outer radius is 2^(first / 4)."""
+    """The radius of the smallest circles is 2^(first / 4)."""
     reach: Singles
     """Distance of each centre from the boundary, (c,); infinite without a boundary."""
     distances: Singles
@@ -66,7 +67,7 @@ class LocalSignatures:
     version: str = LOCAL_VERSION
 
     def __post_init__(self) -> None:
-        for name in ("places", "rings", "reach", "distances"):
+        for name in ("places", "growth", "reach", "distances"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float32))
 
     def __len__(self) -> int:
@@ -74,8 +75,14 @@ class LocalSignatures:
 
     @property
     def radii(self) -> Floats:
-        """Outer radius of each ring, (18,), in the unit of the vertices."""
-        return np.asarray(2.0 ** ((self.first + np.arange(self.rings.shape[1])) / OCTAVE))
+        """Radius of each circle, (19,), in the unit of the vertices."""
+        return np.asarray(2.0 ** ((self.first + np.arange(self.growth.shape[1])) / OCTAVE))
+
+    @property
+    def rings(self) -> Singles:
+        """Area between neighbouring circles over the square of the larger radius, (c, 18): 0.92 in a plane."""
+        inner = np.float32(2.0 ** (-2 / OCTAVE))
+        return np.asarray(self.growth[:, 1:] - inner * self.growth[:, :-1])
 
     @property
     def is_open(self) -> bool:
@@ -114,8 +121,8 @@ def local_signatures(
     --------
     >>> from unbend.mesh.shapes import sphere
     >>> local = local_signatures(sphere(4))
-    >>> len(local), local.is_open, local.rings.shape
-    (300, False, (300, 18))
+    >>> len(local), local.is_open, local.growth.shape
+    (300, False, (300, 19))
     """
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
@@ -123,8 +130,8 @@ def local_signatures(
     stencils = stencils_of(fine)
     samples = sample_farthest(fine, stencils, min(centres, len(fine.used_vertices))).samples.astype(np.int32)
     first = round(OCTAVE * np.log2(SMALLEST * np.sqrt(surface.area)))
-    radii = 2.0 ** ((first - 1 + np.arange(RUNGS + 1)) / OCTAVE)
-    growth, between = np.zeros((len(samples), RUNGS + 1)), np.empty((len(samples), len(samples)))
+    radii = 2.0 ** ((first + np.arange(RUNGS)) / OCTAVE)
+    growth, between = np.zeros((len(samples), RUNGS)), np.empty((len(samples), len(samples)))
 
     def draw(part: slice) -> None:
         step = max(1, _AT_A_TIME // len(fine.vertices))
@@ -139,11 +146,27 @@ def local_signatures(
         raise MeshGeometryError("the faces are not connected: keep one component")
     return LocalSignatures(
         places=fine.vertices[samples].astype(np.float32),
-        rings=(np.diff(growth, axis=1) / radii[1:] ** 2).astype(np.float32),
+        growth=(growth / radii**2).astype(np.float32),
         first=first,
         reach=_reach(fine, samples).astype(np.float32),
         distances=_in_steps(np.minimum(between, between.T)).astype(np.float32),
         area=surface.area,
+    )
+
+
+def enlarged(local: LocalSignatures) -> LocalSignatures:
+    """Return the local signatures of the same surface enlarged 2^(1/8)-fold, half a rung, with one circle fewer."""
+    factor = np.float32(2.0 ** (0.5 / OCTAVE))
+    count = local.growth.shape[1]
+    smooth = CubicSpline(np.arange(count), np.log(local.growth), axis=1)
+    return replace(
+        local,
+        places=local.places * factor,
+        growth=np.exp(smooth(np.arange(count - 1) + 0.5)).astype(np.float32),
+        first=local.first + 1,
+        reach=local.reach * factor,
+        distances=local.distances * factor,
+        area=local.area * float(factor) ** 2,
     )
 
 

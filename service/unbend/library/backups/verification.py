@@ -143,8 +143,8 @@ def _check_local(_connection: sqlite3.Connection, row: Row) -> None:
     except Exception as error:  # a damaged archive raises all kinds of errors
         raise ValueError(f"no local signatures: {error}") from error
     count = len(local)
-    _must(local.rings.shape == (count, RUNGS) and local.reach.shape == (count,), "local signatures of a wrong shape")
-    _must(bool(np.isfinite(local.rings).all() and np.isfinite(local.distances).all()), "rings that are not finite")
+    _must(local.growth.shape == (count, RUNGS) and local.reach.shape == (count,), "local signatures of a wrong shape")
+    _must(bool(np.isfinite(local.growth).all() and np.isfinite(local.distances).all()), "circles that are not finite")
 
 
 def _check_shape(_connection: sqlite3.Connection, row: Row) -> None:

@@ -20,7 +20,7 @@ from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
 from unbend.matching.classification import ClassMatch
 from unbend.matching.classification.calibration import confidences
 from unbend.matching.partial import PartSearch, Profiles, profiles_of, search_parts
-from unbend.matching.partial.calibration import EXPONENT, KNOWN
+from unbend.matching.partial.calibration import EXPONENT, SLACK, unfamiliarity
 from unbend.matching.selection import smallest
 from unbend.signature.signature import Signature
 
@@ -119,7 +119,7 @@ def rank_parts(store: Store, index: PartIndex, query: Signature | str, request: 
         matches = shape_rows.get_matches(connection, seqs, distances)
     detailed = [replace(match, part=_part(found, row)) for match, row in zip(matches, rows.tolist(), strict=True)]
     classes = _classes(gallery.labels, found.distances)
-    known = bool(classes[0].distance <= KNOWN) if classes else None
+    known = _known(profiles_of(local), gallery, found, classes[0].label) if classes else None
     return Ranking(request.measure, classes, detailed, known, (*warnings, *_missing(whole.missing)))
 
 
@@ -134,6 +134,18 @@ def _query_of(connection: Connection, query: Signature | str) -> tuple[LocalSign
     if seq not in found:
         raise NotFoundError(f"shape {query} has no local signatures: run `unbend complete`")
     return found[seq], seq, parameters, warnings
+
+
+def _known(query: Profiles, gallery: PartGallery, found: PartSearch, label: str) -> bool | None:
+    """Return whether a query is as near to the best class as its members are to each other at the same place."""
+    rows = [row for row, each in enumerate(gallery.labels) if each == label]
+    rows.sort(key=lambda row: (found.distances[row], row))
+    if rows[0] not in found.comparisons:
+        return None
+    others = [gallery.profiles[row] for row in rows[1:]]
+    nearest = gallery.profiles[rows[0]]
+    ratio = unfamiliarity(query, float(found.scanned[rows[0]]), found.comparisons[rows[0]], nearest, others)
+    return None if ratio is None else ratio <= SLACK
 
 
 def _part(found: PartSearch, row: int) -> dict[str, object] | None:

@@ -32,9 +32,9 @@ _AS_LARGE: Final = 0.95
 """A query of at least this share of a shape's area is no part of it, but a whole."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Comparison:
-    """What a query is to a shape, and how well they agree."""
+    """The relation of a query to a shape, and how well they agree."""
 
     distance: float
     """Mean difference of the circles at their places, with penalties for displaced ones; about 1 between poses."""
@@ -47,6 +47,8 @@ class Comparison:
     """Root of the mean squared error of these distances, in units of the query's vertices."""
     scale: float
     """Length in the shape's unit of a length 1 in the query's."""
+    places: Indices
+    """The centre of the larger surface where each chosen circle of the smaller one is, (m,)."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return what a ranking says about a shape, as JSON values."""
@@ -76,7 +78,7 @@ def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0
     factor = unit if small is profiles else 1 / unit
     between = part.distances[np.ix_(small.chosen, small.chosen)] * np.float32(factor)
     found = differences(small, large, moved)
-    places = np.empty(len(small.chosen), np.int64)
+    places = np.zeros(len(small.chosen), np.int64)
     root = np.sqrt(large.area)
     distance, anchor = _best_places(
         found, small.weights, between, whole.distances, _anchors(between, small.weights), STRICTNESS / root, places
@@ -88,7 +90,7 @@ def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0
     if small.is_open and ratio < _AS_LARGE:
         relation = "part" if small is profiles else "contains"
     residual = float(np.sqrt(np.mean(errors[kept] ** 2))) / (unit if small is profiles else 1.0)
-    return Comparison(float(distance), relation, float(min(1.0, ratio)), float(kept.mean()), residual, unit)
+    return Comparison(float(distance), relation, float(min(1.0, ratio)), float(kept.mean()), residual, unit, places)
 
 
 def _anchors(between: Singles, weights: Singles) -> Indices:

@@ -53,14 +53,14 @@ def profiles_of(local: LocalSignatures) -> Profiles:
     The first ring has none before it, so values begin with the second.
     """
     values = _PRECISION * (local.rings[:, 1:] - _CARRIED * local.rings[:, :-1])
-    radii = local.radii[1:]
+    radii = local.radii[2:]
     complete = np.minimum((local.reach[:, None] >= radii).sum(axis=1), WIDEST if not local.is_open else len(radii))
     order = np.argsort(-local.reach, kind="stable")
     good = order[complete[order] >= _FEWEST]
     chosen = (good if len(good) >= _FEWEST else order[:_FEWEST])[:COMPARED]
     return Profiles(
         values=np.ascontiguousarray(values, np.float32),
-        first=local.first + 1,
+        first=local.first + 2,
         chosen=chosen.astype(np.int64),
         rings=np.maximum(complete[chosen], 1).astype(np.int32),
         weights=np.minimum(local.reach[chosen] / np.float32(np.sqrt(local.area)), np.float32(0.9)).astype(np.float32),

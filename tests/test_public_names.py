@@ -11,10 +11,10 @@ import unbend
 
 NAMES = {
     "AsyncClient", "CanonicalForm", "Client", "Embedding", "Flattening", "Library", "LocalSignatures", "MeshPolicy",
-    "Parameters", "PictureRequest", "Signature", "Surface", "UnbendError", "VoronoiDiagram", "canonical_form", "compare",
-    "compare_parts", "compute_signature", "effective_dimension", "embed", "farthest_point_sampling", "flatten",
-    "geodesic_distances", "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours", "key_points",
-    "local_signatures", "read_mesh", "render_picture", "representation_errors",
+    "Parameters", "PictureRequest", "Signature", "Surface", "UnbendError", "VoronoiDiagram", "canonical_form",
+    "compare", "compare_parts", "compute_signature", "effective_dimension", "embed", "farthest_point_sampling",
+    "flatten", "geodesic_distances", "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours",
+    "key_points", "local_signatures", "read_mesh", "render_picture", "representation_errors",
 }  # fmt: skip
 
 

@@ -115,7 +115,7 @@ class ClassMatch(BaseModel):
 
 
 class Part(BaseModel):
-    """What a query is to a shape, under a measure of parts."""
+    """The relation of a query to a shape, under a measure of parts."""
 
     relation: Literal["part", "contains", "whole"] = Field(
         description="The query is a part of the shape, contains it, or is a whole like it."

@@ -1,6 +1,6 @@
 """Confidences of classes, and pieces of no known shape.
 
-`benchmarks/partial/pieces.py` chooses the constants on half of the classes of SHREC'11 and reports on the other half.
+`benchmarks/partial/pieces.py` chooses the constants on half of the classes and reports on the other half.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from unbend.matching.partial.comparison import Comparison
 from unbend.matching.partial.profiles import WIDEST, Profiles
 from unbend.matching.partial.scanning import scan_parts
 
-EXPONENT: Final = 32.5
+EXPONENT: Final = 28.6
 """The exponent with which the confidence of a class falls with its distance."""
 
-SLACK: Final = 1.03
+SLACK: Final = 1.01
 """The largest ratio of a piece's distance from a shape to that of the same place of the shape from its class."""
 
 _MEMBERS: Final = 16

@@ -53,13 +53,13 @@ def main() -> None:
     wholes = Wholes("shrec11_simplified", 1, whole=False)
     known = [circles(surface, each.local) for surface, each in zip(wholes.surfaces, wholes.asked, strict=True)]
     rows = []
-    for cut in ("disc, .60 of the area", "disc, .30", "half, by a plane"):
+    for cut in ("disc, .60 of the area", "disc, .30"):
         found = []
-        for surface, name in zip(wholes.surfaces, wholes.names, strict=True):
+        for surface, name in zip(wholes.surfaces[::2], wholes.names[::2], strict=True):
             part = piece(surface, cut, name)
             query = circles(part, local_signatures(part, threads=1))
             found.append(np.array([distance(query, shape) for shape in known]))
-        rows.append([cut, wholes.figures(found)])
+        rows.append([cut, wholes.figures(found, 2)])
         print(rows[-1], flush=True)
     text = table(["piece of SHREC'11", "curvature extrema, circles, moments"], rows)
     write_section(ROOT / "docs" / "benchmarks.md", "pieces-paper", text)

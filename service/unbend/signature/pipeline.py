@@ -86,11 +86,22 @@ def compute_signature(
     report = progress or ignore
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
+    if local:
+        return _with_local(surface, chosen, report, threads)
     if chosen.samples == AUTO:
-        found = _by_doubling(surface, chosen, report, threads)
-    else:
-        found = _computed(surface, chosen, min(int(chosen.samples), len(surface.used_vertices)), report, threads)
-    return replace(found, local=local_signatures(surface, threads=threads)) if local else found
+        return _by_doubling(surface, chosen, report, threads)
+    return _computed(surface, chosen, min(int(chosen.samples), len(surface.used_vertices)), report, threads)
+
+
+def _with_local(surface: Surface, chosen: Parameters, report: ProgressCallback, threads: int | None) -> Signature:
+    """Compute the signature, then the local signatures, which take about as long."""
+    found = compute_signature(
+        surface, chosen, progress=lambda made: report(replace(made, share=made.share / 2)), threads=threads
+    )
+    circles = local_signatures(
+        surface, threads=threads, progress=lambda share: report(Progress("describing", (1.0 + share) / 2))
+    )
+    return replace(found, local=circles)
 
 
 def _by_doubling(surface: Surface, chosen: Parameters, report: ProgressCallback, threads: int | None) -> Signature:

@@ -46,7 +46,6 @@ CUTS: Final[Mapping[str, Cut]] = MappingProxyType(
         "disc, .30": disc(0.3),
         "half, by a plane": half,
         "8 holes, .60 left": holes(8, 0.6),
-        "30 holes, .80 left": holes(30, 0.8),
     }
 )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.partial.cuts import piece
-from unbend import Surface, read_mesh
+from unbend import Surface, geodesic_distances, read_mesh
 from unbend.local.signatures import LocalSignatures, local_signatures
 from unbend.matching.partial import PartSearch, compare_parts, profiles_of, search_parts
 from unbend.matching.partial.calibration import SLACK, unfamiliarity
@@ -103,3 +103,14 @@ def test_an_empty_gallery_has_no_results(part):
     found = search_parts(local_signatures(part), [], lambda _rows: [], any_scale=True)
     assert len(found.distances) == 0
     assert not found.comparisons
+
+
+def test_a_piece_that_is_too_small_for_circles_is_compared_without_an_error(surfaces, wholes):
+    cat = surfaces["cat0"]
+    distances = geodesic_distances(cat, 0)[0]
+    faces = cat.faces[(distances[cat.faces] < 0.05 * np.sqrt(cat.area)).all(axis=1)]
+    tiny = local_signatures(Surface(cat.vertices, faces))
+    for any_scale in (False, True):
+        names, found = search(tiny, wholes, any_scale=any_scale)
+        assert len(names) == len(wholes)
+        assert not np.isnan(found.distances).any()

@@ -57,7 +57,7 @@ def unfamiliarity(
         shape,
         chosen=found.places,
         rings=np.clip(query.rings + moved, 1, WIDEST).astype(np.int32),
-        weights=query.weights,
+        weights=np.where(query.rings + moved >= 1, query.weights, np.float32(0)),
         area=0.0,  # a part of every member
     )
     usual = scan_parts(place, [replace(each, is_open=False) for each in members[:_MEMBERS]], threads=1)

@@ -78,19 +78,30 @@ def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0
     factor = unit if small is profiles else 1 / unit
     between = part.distances[np.ix_(small.chosen, small.chosen)] * np.float32(factor)
     found = differences(small, large, moved)
+    comparable = np.isfinite(found).all(axis=1)  # the others have no ring in common with the larger surface's
+    weights = np.where(comparable, small.weights, np.float32(0))
+    found[~comparable] = 0.0
     places = np.zeros(len(small.chosen), np.int64)
     root = np.sqrt(large.area)
     distance, anchor = _best_places(
-        found, small.weights, between, whole.distances, _anchors(between, small.weights), STRICTNESS / root, places
+        found, weights, between, whole.distances, _anchors(between, weights), STRICTNESS / root, places
     )
-    errors = np.abs(whole.distances[places[anchor], places] - between[anchor])
+    errors = np.abs(whole.distances[places[anchor], places] - between[anchor])[comparable]
     kept = errors * (STRICTNESS / root) < LARGEST_PENALTY
     ratio = small.area * factor**2 / large.area
     relation: Relation = "whole"
     if small.is_open and ratio < _AS_LARGE:
         relation = "part" if small is profiles else "contains"
-    residual = float(np.sqrt(np.mean(errors[kept] ** 2))) / (unit if small is profiles else 1.0)
-    return Comparison(float(distance), relation, float(min(1.0, ratio)), float(kept.mean()), residual, unit, places)
+    residual = float(np.sqrt(np.mean(errors[kept] ** 2)) if kept.any() else 0.0) / (unit if small is profiles else 1.0)
+    return Comparison(
+        float(distance),
+        relation,
+        float(min(1.0, ratio)),
+        float(kept.mean() if len(kept) else 0.0),
+        residual,
+        unit,
+        places,
+    )
 
 
 def _anchors(between: Singles, weights: Singles) -> Indices:
@@ -137,4 +148,5 @@ def _best_places(
             if total < best:
                 best, best_anchor = total, anchor
                 places[:] = trial
-    return best / weights.sum(), best_anchor
+    total_weight = weights.sum()
+    return best / total_weight if total_weight > 0 else np.inf, best_anchor

@@ -13,7 +13,7 @@ from unbend.matching.partial.profiles import WIDEST, Profiles
 from unbend.threads import share_out
 
 FEWEST_RINGS: Final = 3
-"""A circle of fewer rings in common says nothing."""
+"""Circles with fewer rings in common are compared only if there are no others."""
 
 
 def scan_parts(query: Profiles, gallery: Sequence[Profiles], shift: int = 0, threads: int | None = None) -> Floats:
@@ -92,12 +92,15 @@ def _mean_nearest(
     values: Singles, chosen: Indices, rings: Ints, weights: Singles, large: Singles, offset: int
 ) -> float:
     total, weight = 0.0, 0.0
-    for row in range(len(chosen)):
-        start, end = _common(rings[row], offset, values.shape[1], large.shape[1])
-        if end - start >= min(FEWEST_RINGS, rings[row]):
-            nearest = np.inf
-            for column in range(len(large)):
-                nearest = min(nearest, _difference(values[chosen[row]], large[column], start, end, offset))
-            total += weights[row] * nearest
-            weight += weights[row]
+    for fewest in (FEWEST_RINGS, 1):
+        for row in range(len(chosen)):
+            start, end = _common(rings[row], offset, values.shape[1], large.shape[1])
+            if end - start >= fewest:
+                nearest = np.inf
+                for column in range(len(large)):
+                    nearest = min(nearest, _difference(values[chosen[row]], large[column], start, end, offset))
+                total += weights[row] * nearest
+                weight += weights[row]
+        if weight > 0:
+            break
     return total / weight if weight > 0 else np.inf

@@ -171,7 +171,7 @@ def measured(which: int) -> str:
             with_class, without = accepted(answers, SLACK)
             rows.append(
                 [
-                    title,
+                    f"{title}, {len(pieces)} pieces",
                     cut,
                     wholes.figures([wholes.default(each) for each in pieces], STEP),
                     wholes.figures(known, STEP),
@@ -188,9 +188,8 @@ NOTES = """\
 Pieces of shapes of area 1, each asked of all wholes of {classes} of the classes, {per} shapes of each class of SHREC'11
 and all of TOSCA, whose persons are one class. In each cell: the share of pieces whose nearest whole, apart from their
 own, has their class; the first tier; the share of pieces whose own whole comes first. The last column is the share of
-pieces that `partial` calls known in a library with their class, and in one without it. Pieces
-were cut of every third whole. The constants were chosen on the
-other half of the classes (`python -m benchmarks.partial.pieces`).
+pieces that `partial` calls known in a library with their class, and in one without it. Pieces were cut of every third
+whole, which leaves few of TOSCA. The constants were chosen on the other half of the classes (`python -m benchmarks.partial.pieces`).
 """
 
 

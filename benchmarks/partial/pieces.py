@@ -189,7 +189,8 @@ Pieces of shapes of area 1, each asked of all wholes of {classes} of the classes
 and all of TOSCA, whose persons are one class. In each cell: the share of pieces whose nearest whole, apart from their
 own, has their class; the first tier; the share of pieces whose own whole comes first. The last column is the share of
 pieces that `partial` calls known in a library with their class, and in one without it. Pieces were cut of every third
-whole, which leaves few of TOSCA. The constants were chosen on the other half of the classes (`python -m benchmarks.partial.pieces`).
+whole, which leaves few of TOSCA. The constants were chosen on the other half of the classes
+(`python -m benchmarks.partial.pieces`).
 """
 
 

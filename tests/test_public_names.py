@@ -10,11 +10,12 @@ import pytest
 import unbend
 
 NAMES = {
-    "AsyncClient", "CanonicalForm", "Client", "Correspondence", "Embedding", "Flattening", "Library", "MeshPolicy",
-    "Parameters", "PictureRequest", "Signature", "Surface", "UnbendError", "VoronoiDiagram", "canonical_form",
-    "compare", "compute_signature", "effective_dimension", "embed", "farthest_point_sampling", "flatten",
-    "geodesic_distances", "geodesic_matrix", "geodesic_path", "geodesic_voronoi", "iso_contours", "match",
-    "read_mesh", "render_picture", "representation_errors", "symmetry", "transfer", "transfer_landmarks",
+    "AsyncClient", "CanonicalForm", "Client", "Correspondence", "Embedding", "Flattening", "Library",
+    "LocalSignatures", "MeshPolicy", "Parameters", "PictureRequest", "Signature", "Surface", "UnbendError",
+    "VoronoiDiagram", "canonical_form", "compare", "compare_parts", "compute_signature", "effective_dimension",
+    "embed", "farthest_point_sampling", "flatten", "geodesic_distances", "geodesic_matrix", "geodesic_path",
+    "geodesic_voronoi", "iso_contours", "key_points", "local_signatures", "match", "read_mesh", "render_picture",
+    "representation_errors", "symmetry", "transfer", "transfer_landmarks",
 }  # fmt: skip
 
 

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from unbend.geodesics.sampling import farthest_point_sampling
     from unbend.geodesics.voronoi import VoronoiDiagram, geodesic_voronoi
     from unbend.library import Library
+    from unbend.local.key_points import key_points
+    from unbend.local.signatures import LocalSignatures, local_signatures
     from unbend.matching.measures import compare
+    from unbend.matching.partial import compare_parts
     from unbend.mesh.policy import MeshPolicy
     from unbend.mesh.read import read_mesh
     from unbend.mesh.surface import Surface
@@ -44,6 +47,7 @@ _MODULES = {
     "Embedding": "unbend.embedding.embed",
     "Flattening": "unbend.signature.flattening",
     "Library": "unbend.library",
+    "LocalSignatures": "unbend.local.signatures",
     "MeshPolicy": "unbend.mesh.policy",
     "Parameters": "unbend.signature.parameters",
     "PictureRequest": "unbend.render.request",
@@ -53,6 +57,7 @@ _MODULES = {
     "canonical_form": "unbend.signature.canonical_form",
     "compare": "unbend.matching.measures",
     "VoronoiDiagram": "unbend.geodesics.voronoi",
+    "compare_parts": "unbend.matching.partial",
     "compute_signature": "unbend.signature.pipeline",
     "effective_dimension": "unbend.embedding.dimension",
     "embed": "unbend.embedding.embed",
@@ -63,6 +68,8 @@ _MODULES = {
     "geodesic_path": "unbend.geodesics.paths.shortest",
     "geodesic_voronoi": "unbend.geodesics.voronoi",
     "iso_contours": "unbend.geodesics.contours",
+    "key_points": "unbend.local.key_points",
+    "local_signatures": "unbend.local.signatures",
     "match": "unbend.correspondence.match",
     "read_mesh": "unbend.mesh.read",
     "render_picture": "unbend.render.picture",
@@ -82,6 +89,7 @@ __all__ = [
     "Embedding",
     "Flattening",
     "Library",
+    "LocalSignatures",
     "MeshPolicy",
     "Parameters",
     "PictureRequest",
@@ -91,6 +99,7 @@ __all__ = [
     "VoronoiDiagram",
     "canonical_form",
     "compare",
+    "compare_parts",
     "compute_signature",
     "effective_dimension",
     "embed",
@@ -101,6 +110,8 @@ __all__ = [
     "geodesic_path",
     "geodesic_voronoi",
     "iso_contours",
+    "key_points",
+    "local_signatures",
     "match",
     "read_mesh",
     "render_picture",

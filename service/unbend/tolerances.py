@@ -105,6 +105,12 @@ On real meshes they differed by at most 0.03, on a mesh of 252 vertices. Of 500 
 warning had errors of at most 4 % of the largest distance, and those with a warning of up to 21 %.
 """
 
+PIECE_BOUNDARY: Final = 0.25
+"""A surface may be a piece if its boundary is longer than this share of the square root of its area.
+
+A circle of this length has a radius of 0.04 of it: a hole of a scan is shorter, a cut through a limb is longer.
+"""
+
 SAMPLING_TIE: Final = 1e-3
 """Vertices this near to the farthest, as a share of its distance, count as equally far: the first is sampled.
 

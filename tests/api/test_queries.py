@@ -9,7 +9,7 @@ import uuid
 import pytest
 
 from tests.support.server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored, two_rings
-from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
+from unbend import Library, MeshPolicy, Parameters, Surface, compute_signature, read_mesh
 from unbend.mesh.shapes import sphere
 
 # Only these tests use these parameters, so that queries do not find shapes of other tests.
@@ -53,6 +53,34 @@ def test_a_query_that_prefers_to_wait_is_answered_directly(server, http, ids):
     assert response.json() == expected(server, data, measure="moments", k=2)
     assert [match["name"] for match in response.json()["shapes"]] == ["ring-1", "ring-0"]
     assert response.json()["classes"][0]["label"] == "torus"
+
+
+def test_a_piece_gets_its_whole_and_what_it_is_to_it(server, http, ids):
+    ball = sphere(subdivisions=2)
+    low = ball.faces[(ball.vertices[ball.faces, 2] < 0.3).all(axis=1)]
+    data = ply(Surface(ball.vertices, low))
+    waiting = {"Prefer": "wait=60"}
+    for measure in ("partial", "partial_any_scale"):
+        response = ask(http, data, waiting, measure=measure)
+        assert response.status_code == 200
+        found = response.json()
+        assert found["measure"] == measure
+        assert found["classes"][0]["label"] == "sphere"
+        assert found["shapes"][0]["label"] == "sphere"
+    part = ask(http, data, waiting, measure="partial").json()["shapes"][0]["part"]
+    assert part["relation"] == "part"
+    assert part["covered"] == pytest.approx(0.6, abs=0.1)
+    assert part["scale"] == 1.0
+    assert "`partial`" in ask(http, data, waiting).json()["warnings"][-1]
+    stored_query = http.post("/v1/queries", json={"shape_id": ids["ball-0"], "measure": "partial"}).json()
+    assert stored_query["shapes"][0]["name"] == "ball-1"
+    assert stored_query["shapes"][0]["part"]["relation"] == "whole"
+
+
+def test_a_measure_of_parts_has_one_classifier(http, ids):
+    response = http.post("/v1/queries", json={"shape_id": ids["ball-0"], "measure": "partial", "classifier": "mean"})
+    assert response.status_code == 422
+    assert "no classifier but nearest" in response.text
 
 
 def test_a_query_is_read_by_its_policy_and_compared_with_shapes_of_any_policy(server, http, ids):

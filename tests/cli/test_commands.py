@@ -8,8 +8,10 @@ import json
 import os
 import pty
 import re
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from PIL import Image
 
 from tests.support.commands import failed_with_a_sentence, in_process, succeeded, unbend
 from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
-from unbend import Client, Library, MeshPolicy, Parameters, compare, compute_signature, read_mesh
+from unbend import Client, Library, MeshPolicy, Parameters, Surface, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import evaluate
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
 from unbend.mesh.shapes import cylinder, sheet, torus
@@ -28,7 +30,7 @@ from unbend.render.request import PictureRequest
 
 COMMANDS = {
     "serve", "signature", "flatten", "show", "compare", "import", "export", "query", "evaluate", "backup", "restore",
-    "keys", "openapi", "demo", "match", "transfer", "symmetry",
+    "keys", "openapi", "demo", "complete", "match", "transfer", "symmetry",
 }  # fmt: skip
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}
@@ -244,6 +246,23 @@ def test_a_query_gives_the_same_result_from_a_library_and_a_service(folder, tmp_
             client.submit(path, label=path.parent.name).result(60)
         expected = opened.rank(compute_signature(read_mesh(query)), k=3).as_dict()
     assert json.loads(succeeded("query", query, "--url", server.url, "--json", "-k", 3).stdout) == expected
+
+
+def test_a_piece_is_asked_about_and_an_old_library_is_completed(tmp_path, library):
+    path = tmp_path / "piece.ply"
+    whole = torus(minor=0.3, columns=12, rows=8)
+    path.write_bytes(ply(Surface(whole.vertices, whole.faces[: len(whole.faces) // 2])))
+    asked = ("query", path, "--library", library, "--measure", "partial")
+    lines = succeeded(*asked, run=in_process).stdout.splitlines()
+    assert lines[1].split()[0] == "rings"
+    assert next(line for line in lines if line.startswith("thin")).endswith("part of it, 50% of its area")
+    assert json.loads(succeeded(*asked, "--json", run=in_process).stdout)["shapes"][0]["part"]["relation"] == "part"
+    assert succeeded("complete", "--library", library, run=in_process).stdout == "nothing is missing\n"
+    old = tmp_path / "old.db"
+    dump = Path(__file__).parents[1] / "library/released/0009.sql"
+    with closing(sqlite3.connect(old)) as connection:
+        connection.executescript(dump.read_text(encoding="utf-8"))
+    assert succeeded("complete", "--library", old, run=in_process).stdout.endswith("completed 2 shapes\n")
 
 
 OPTIONS = ["--samples", 30, "--dimensions", 2, "--method", "classical", "--seams", "keep", "--components", "bridge",

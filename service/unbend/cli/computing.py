@@ -41,12 +41,12 @@ def read_file(mesh: Path, policy: Values) -> Surface:
     return surface
 
 
-def compute_file(mesh: Path, parameters: Values, policy: Values) -> Signature:
+def compute_file(mesh: Path, parameters: Values, policy: Values, *, local: bool = False) -> Signature:
     """Return the signature of a mesh file; print notes and warnings on standard error."""
     from unbend.signature.from_file import signature_of_file  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
-    found = signature_of_file(mesh, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy))
+    found = signature_of_file(mesh, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy), local=local)
     for note in found.surface.report.notes:
         warn(f"{mesh.name}: {note}")
     warn_of(mesh.name, found.signature.warnings)

@@ -11,6 +11,7 @@ import click
 from unbend import __version__
 from unbend.cli.backup import backup, restore
 from unbend.cli.compare import compare
+from unbend.cli.complete import complete
 from unbend.cli.demo import demo
 from unbend.cli.evaluate import evaluate
 from unbend.cli.export import export
@@ -60,7 +61,7 @@ def main() -> None:
 
 
 for command in (
-    serve, signature, flatten, show, compare, match, transfer, symmetry, import_folder, export, query, evaluate, backup,
-    restore, keys, openapi, demo,
+    serve, signature, flatten, show, compare, match, transfer, symmetry, import_folder, export, query, evaluate,
+    complete, backup, restore, keys, openapi, demo,
 ):  # fmt: skip
     main.add_command(command)

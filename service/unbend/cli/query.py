@@ -65,9 +65,19 @@ def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, options
 
 def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:
     from unbend.library import Library  # noqa: PLC0415
+    from unbend.matching.partial import PART_MEASURES  # noqa: PLC0415
 
+    local = options.get("measure") in PART_MEASURES
     with Library(url) as library:
-        return library.rank(compute_file(mesh, parameters, policy), **options).as_dict()
+        return library.rank(compute_file(mesh, parameters, policy, local=local), **options).as_dict()
+
+
+def _part(part: Values | None) -> str:
+    """Return what a mesh is to a shape, in words."""
+    if not part:
+        return ""
+    words = {"part": "part of it, {:.0%} of its area", "contains": "contains it, {:.0%} of the area", "whole": "whole"}
+    return "  " + words[part["relation"]].format(part["covered"])
 
 
 def _table(ranking: Values) -> str:
@@ -80,5 +90,8 @@ def _table(ranking: Values) -> str:
             "farther from the best class than its members are from each other: the mesh may be of no class above"
         )
     lines += ["", f"{'shape':<24}{'distance':>12}  class"]
-    lines += [f"{row['name']:<24}{row['distance']:>12.4g}  {row['label'] or '-'}" for row in ranking["shapes"]]
+    lines += [
+        f"{row['name']:<24}{row['distance']:>12.4g}  {row['label'] or '-'}{_part(row.get('part'))}"
+        for row in ranking["shapes"]
+    ]
     return "\n".join(lines)

@@ -254,10 +254,10 @@ class Dispatcher:
         return await self._retry(partial(self._jobs.complete_shape, job, outcome.shape))
 
     async def _complete_query(self, job: JobRecord, mesh: StoredMesh, request: QueryRequest) -> JobRecord | None:
-        key = UploadKey.of(mesh.sha256, job.parameters, job.policy)
+        key, local = UploadKey.of(mesh.sha256, job.parameters, job.policy), request.part_measure is not None
         signature = self._signatures.pop(key, None)  # the same file may be ranked by another measure
-        if signature is None:
-            outcome = await self._compute(job, compute_query, mesh, job.parameters)
+        if signature is None or (local and signature.local is None):
+            outcome = await self._compute(job, compute_query, mesh, job.parameters, local)
             self._observer.computed(outcome.seconds)
             signature = outcome.signature
         self._signatures[key] = signature

@@ -24,7 +24,9 @@ from unbend.library.requests import FileCall, FileRequest, UploadKey
 from unbend.library.search import MapOptions
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.database import must_exist
+from unbend.local.signatures import local_signatures
 from unbend.matching.measures import MEASURES, compare
+from unbend.matching.partial import profiles_of, search_parts
 from unbend.mesh.correspondence import at_given_vertices, surface_vertex
 from unbend.mesh.limits import MeshLimits
 from unbend.mesh.policy import MeshPolicy
@@ -103,24 +105,27 @@ def compute_shape(mesh: StoredMesh, parameters: Parameters) -> ShapeOutcome:
     JobMemoryError
         If it needs more memory than allowed.
     """
-    found, seconds = _compute(mesh, parameters)
+    found, seconds = _compute(mesh, parameters, local=True)
     key = UploadKey.of(mesh.sha256, parameters, mesh.policy)
     packed, surface = PackedSignature.of(found.signature), found.surface
     return ShapeOutcome(ComputedShape(key, packed, surface.area, surface.report.as_dict()), seconds)
 
 
-def compute_query(mesh: StoredMesh, parameters: Parameters) -> QueryOutcome:
-    """Read a stored mesh and compute its signature for a query; raises as `compute_shape` does."""
-    found, seconds = _compute(mesh, parameters)
+def compute_query(mesh: StoredMesh, parameters: Parameters, local: bool = False) -> QueryOutcome:
+    """Read a stored mesh and compute its signature for a query, with or without local signatures.
+
+    Raises as `compute_shape` does.
+    """
+    found, seconds = _compute(mesh, parameters, local=local)
     return QueryOutcome(found.signature, seconds)
 
 
-def _compute(mesh: StoredMesh, parameters: Parameters) -> tuple[FileSignature, Mapping[str, float]]:
+def _compute(mesh: StoredMesh, parameters: Parameters, *, local: bool) -> tuple[FileSignature, Mapping[str, float]]:
     with ProgressReporter() as reporter:
         try:
             found = signature_of_file(
                 _file(mesh), parameters, mesh.policy, file_type=mesh.file_type, limits=mesh.limits,
-                progress=reporter.report, threads=1,
+                progress=reporter.report, threads=1, local=local,
             )  # fmt: skip
         except Exception as error:
             reporter.send()  # the client learns which stage failed
@@ -262,6 +267,8 @@ def warm_up() -> None:
     first, second = (compute_signature(surface, threads=1) for surface in surfaces)
     for measure in MEASURES:
         compare(first, second, measure)
+    parts = [local_signatures(surface, threads=1) for surface in surfaces]
+    search_parts(parts[0], [profiles_of(parts[1])], lambda _rows: parts[1:])
     surface, form, _ = simplified_form(surfaces[0], first, MOST_FACES)
     render_picture(PictureRequest(width=32, height=32, subject="both", distances_from=0), surface, form, threads=1)
     geodesic_path(surface, 0, 1)

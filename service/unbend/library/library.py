@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +12,7 @@ from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.jobs import Jobs
 from unbend.library.keys import Keys
-from unbend.library.packing import PackedSignature
+from unbend.library.packing import PackedSignature, pack_local
 from unbend.library.records import KnownShape, ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.requests import DEFAULT_K, IfKnown, QueryRequest, ShapeRequest, Upload
 from unbend.library.search import MapOptions, Ranking, Search, ShapeMap
@@ -21,10 +21,12 @@ from unbend.library.shape_rows import ComputedShape
 from unbend.library.shapes import Shapes
 from unbend.library.storage.disk import LibraryDisk
 from unbend.library.storage.store import Store
+from unbend.local.signatures import local_signatures
 from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
 from unbend.matching.evaluate import Evaluation, RetrievalMetrics
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.read import read_mesh
 from unbend.names import DEFAULT_LIBRARY, MAX_TEXT, printable
 from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Parameters
@@ -172,7 +174,7 @@ class Library:
         upload = Upload(data, path.suffix, parameters or Parameters(), policy or MeshPolicy())
         if known := self.shapes.find(upload.key):
             return Received(**vars(self.shapes.update_known(known, request)))
-        found = signature_of_file(data, upload.parameters, upload.policy, file_type=path.suffix)
+        found = signature_of_file(data, upload.parameters, upload.policy, file_type=path.suffix, local=True)
         surface, packed = found.surface, PackedSignature.of(found.signature)
         computed = ComputedShape(upload.key, packed, surface.area, surface.report.as_dict())
         return Received(self.shapes.add(upload, computed, request), is_new=True)
@@ -190,6 +192,20 @@ class Library:
     def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:
         """Set some of a shape's name, label and metadata, and return it."""
         return self.shapes.change(shape_id, changes)
+
+    def complete(self) -> Iterator[ShapeRecord]:
+        """Compute the local signatures of shapes that earlier versions stored, and yield each shape.
+
+        Raises
+        ------
+        MeshError
+            If a stored mesh can no longer be read.
+        """
+        for shape in self.shapes.without_local():
+            data = self.shapes.file(shape.sha256)
+            surface = read_mesh(data, file_type=shape.file_type, policy=shape.policy)
+            self.shapes.set_local(shape.id, pack_local(local_signatures(surface)))
+            yield shape
 
     def remove(self, shape_id: str) -> None:
         """Remove a shape, its signature, descriptors and file."""
@@ -248,7 +264,9 @@ class Library:
             A signature, or the id of a stored shape, which is then not among the results.
         measure : str
             A measure of whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) reorders the shapes that are
-            nearest by the default measure. Classes are then ranked by the default measure.
+            nearest by the default measure. Classes are then ranked by the default measure. A measure of parts
+            (`partial`, `partial_any_scale`) ranks wholes for a piece and pieces for a whole; a signature needs
+            `compute_signature(..., local=True)` for it.
         classifier : str
             The rule that turns distances from shapes into distances from classes.
         k : int

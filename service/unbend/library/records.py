@@ -77,6 +77,12 @@ class ShapeMatch:
     name: str
     label: str | None
     distance: float
+    part: Mapping[str, Any] | None = None
+    """What the query is to the shape, under a measure of parts: see `Comparison.as_dict`."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the match as JSON values."""
+        return dict(vars(self)) | {"part": dict(self.part) if self.part else None}
 
 
 @dataclass(frozen=True)

@@ -8,22 +8,27 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Final, Literal, Self
 
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, check_choice
 from unbend.library.metadata import check_changes
 from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import (
     DEFAULT_MEASURE,
+    MEASURES,
     Measure,
     PairMeasure,
     VectorMeasure,
     get_measure,
     get_vector_measure,
 )
+from unbend.matching.partial import PART_MEASURES, PartMeasure
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import ALGORITHM_VERSION
 
 DEFAULT_K: Final = 10
+RANKING_MEASURES: Final = (*MEASURES, *PART_MEASURES)
+"""The measures by which queries rank shapes."""
+
 MAX_PAIRS: Final = 100
 """Most shapes in a ranking by a measure of whole shapes, because each comparison takes milliseconds."""
 
@@ -113,8 +118,8 @@ class QueryRequest:
     Raises
     ------
     ParameterError
-        If there is no such measure or classifier, `k` is below 1, or above `MAX_PAIRS` for a measure of whole shapes.
-        `field` names the argument.
+        If there is no such measure or classifier, `k` is below 1, or above `MAX_PAIRS` for a measure of whole shapes,
+        or a measure of parts has another classifier than the default. `field` names the argument.
     """
 
     measure: str = DEFAULT_MEASURE
@@ -122,8 +127,12 @@ class QueryRequest:
     k: int = DEFAULT_K
 
     def __post_init__(self) -> None:
-        _check("measure", get_measure, self.measure)
+        _check("measure", _check_ranking_measure, self.measure)
         _check("classifier", get_classifier, self.classifier)
+        if self.part_measure and self.classifier != DEFAULT_CLASSIFIER:
+            raise ParameterError(
+                f"{self.measure} has no classifier but {DEFAULT_CLASSIFIER}, not {self.classifier}", field="classifier"
+            )
         if self.k < 1:
             raise ParameterError(f"k must be at least 1, not {self.k}", field="k")
         if self.pair_measure and self.k > MAX_PAIRS:
@@ -138,8 +147,15 @@ class QueryRequest:
         return get_vector_measure(DEFAULT_MEASURE if self.pair_measure else self.measure)
 
     @property
+    def part_measure(self) -> PartMeasure | None:
+        """The measure of parts, if `measure` is one."""
+        return PART_MEASURES.get(self.measure)
+
+    @property
     def pair_measure(self) -> PairMeasure | None:
         """The measure that orders the nearest shapes, if `measure` compares whole shapes."""
+        if self.part_measure:
+            return None
         measure: Measure = get_measure(self.measure)
         return measure if isinstance(measure, PairMeasure) else None
 
@@ -191,6 +207,10 @@ def decode_parameters(stored: str) -> Parameters:
 def decode_policy(stored: str) -> MeshPolicy:
     """Return a reading policy from its column in the database."""
     return MeshPolicy.from_json(stored)
+
+
+def _check_ranking_measure(name: str) -> None:
+    check_choice("measure", name, RANKING_MEASURES)
 
 
 def _check(name: str, get: Any, value: str) -> None:

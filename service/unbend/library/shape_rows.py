@@ -13,7 +13,7 @@ from sqlalchemy.engine import Row
 
 from unbend.errors import ChangedError, NotFoundError, ParameterError
 from unbend.library.metadata import read_metadata
-from unbend.library.packing import PackedSignature, unpack_signature
+from unbend.library.packing import PackedSignature, unpack_local, unpack_signature
 from unbend.library.records import UNFINISHED_STATES, KnownShape, ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.requests import ShapeOrder, ShapeRequest, UploadKey, decode_parameters, decode_policy
 from unbend.library.storage.log_eraser import mark_erased
@@ -22,12 +22,14 @@ from unbend.library.storage.schema import (
     job_files,
     jobs,
     library_state,
+    local_signatures,
     meshes,
     removals,
     shapes,
     signatures,
 )
 from unbend.library.stored_rankings import delete_unused_label
+from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
 from unbend.signature.signature import Signature
 
 MAX_PAGE = 500
@@ -59,6 +61,7 @@ _FIND = (
 _HAS_MESH = select(exists().where(meshes.c.sha256 == bindparam("sha256")))
 _GET_MESH = select(meshes.c.data).where(meshes.c.sha256 == bindparam("sha256"))
 _PUT_MESH, _ADD_DESCRIPTORS, _ADD_SHAPE = insert(meshes), insert(descriptors), insert(shapes)
+_ADD_LOCAL = insert(local_signatures)
 _ADD_SIGNATURE = insert(signatures).returning(signatures.c.id)
 _IS_MESH_NEEDED = select(
     exists().where(signatures.c.mesh_sha256 == bindparam("sha256"))
@@ -75,6 +78,26 @@ _GET_PAYLOAD = (
 )
 _GET_DESCRIPTORS = select(descriptors.c.measure, descriptors.c.vector).where(
     descriptors.c.signature_id == bindparam("signature_id")
+)
+_GET_BOUNDARIES = (
+    select(shapes.c.seq, signatures.c.boundary)
+    .join(signatures, shapes.c.signature_id == signatures.c.id)
+    .where(shapes.c.seq.in_(bindparam("seqs", expanding=True)))
+)
+_GET_LOCALS = (
+    select(shapes.c.seq, local_signatures.c.payload)
+    .join(local_signatures, local_signatures.c.signature_id == shapes.c.signature_id)
+    .where(shapes.c.seq.in_(bindparam("seqs", expanding=True)), local_signatures.c.version == bindparam("version"))
+)
+_WITHOUT_LOCAL = (
+    select(*_COLUMNS)
+    .select_from(_JOINED)
+    .where(
+        ~exists().where(
+            local_signatures.c.signature_id == signatures.c.id, local_signatures.c.version == bindparam("version")
+        )
+    )
+    .order_by(shapes.c.seq)
 )
 _GET_NAMES = select(shapes.c.seq, shapes.c.id, shapes.c.name, shapes.c.label).where(
     shapes.c.seq.in_(bindparam("seqs", expanding=True))
@@ -148,7 +171,7 @@ def add_shape(connection: Connection, computed: ComputedShape, request: ShapeReq
         {
             "mesh_sha256": key.sha256, "parameters": key.parameters, "policy": key.policy, "version": key.version,
             "report": computed.report, "area": computed.area, "stress": packed.stress, "payload": packed.payload,
-            "warnings": list(packed.warnings), "dimension": packed.dimension,
+            "warnings": list(packed.warnings), "dimension": packed.dimension, "boundary": packed.boundary,
         },
     )  # fmt: skip
     connection.execute(
@@ -158,6 +181,10 @@ def add_shape(connection: Connection, computed: ComputedShape, request: ShapeReq
             for measure, vector in packed.vectors.items()
         ],
     )
+    if packed.local:
+        connection.execute(
+            _ADD_LOCAL, {"signature_id": signature_id, "version": LOCAL_VERSION, "payload": packed.local}
+        )
     shape_id, now = uuid.uuid4().hex, datetime.now(UTC)
     described = {"name": request.name, "label": request.label, "metadata": dict(request.metadata)}
     connection.execute(
@@ -195,6 +222,35 @@ def get_signature(connection: Connection, shape_id: str) -> Signature:
         raise NotFoundError(f"no shape {shape_id}")
     vectors = connection.execute(_GET_DESCRIPTORS, {"signature_id": row.id})
     return unpack_signature(row.payload, {each.measure: each.vector for each in vectors})
+
+
+def get_boundaries(connection: Connection, seqs: Sequence[int]) -> list[float | None]:
+    """Return the lengths of boundaries of the shapes at these places in the order of adding; None if unknown."""
+    found = {row.seq: row.boundary for row in connection.execute(_GET_BOUNDARIES, {"seqs": seqs})}
+    return [found.get(seq) for seq in seqs]
+
+
+def get_locals(connection: Connection, seqs: Sequence[int]) -> dict[int, LocalSignatures]:
+    """Return the local signatures of the shapes at these places in the order of adding, where there are any."""
+    found: dict[int, LocalSignatures] = {}
+    for start in range(0, len(seqs), MAX_PAGE):
+        stored = connection.execute(_GET_LOCALS, {"seqs": seqs[start : start + MAX_PAGE], "version": LOCAL_VERSION})
+        found |= {row.seq: unpack_local(row.payload) for row in stored}
+    return found
+
+
+def list_without_local(connection: Connection) -> list[ShapeRecord]:
+    """Return the shapes that have no local signatures of this version, in the order of adding."""
+    return [_record(row) for row in connection.execute(_WITHOUT_LOCAL, {"version": LOCAL_VERSION})]
+
+
+def put_local(connection: Connection, shape_id: str, payload: bytes) -> None:
+    """Store the local signatures of a shape instead of earlier ones; do nothing if the shape was removed."""
+    signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
+    if signature_id is not None:
+        connection.execute(delete(local_signatures).where(local_signatures.c.signature_id == signature_id))
+        connection.execute(_ADD_LOCAL, {"signature_id": signature_id, "version": LOCAL_VERSION, "payload": payload})
+        _next_revision(connection)
 
 
 def get_place(connection: Connection, shape_id: str) -> tuple[int, str, str, list[str]]:

@@ -99,6 +99,14 @@ class Shapes:
         """Return a shape's signature; NotFoundError if there is no such shape."""
         return self._store.load(partial(shape_rows.get_signature, shape_id=shape_id))
 
+    def without_local(self) -> list[ShapeRecord]:
+        """Return the shapes without local signatures of this version."""
+        return self._store.load(shape_rows.list_without_local)
+
+    def set_local(self, shape_id: str, payload: bytes) -> None:
+        """Store packed local signatures of a shape; do nothing if the shape was removed."""
+        self._store.change(partial(shape_rows.put_local, shape_id=shape_id, payload=payload))
+
     def add(self, upload: Upload, computed: ComputedShape, request: ShapeRequest) -> ShapeRecord:
         """Store an upload and its results; return the new shape, or the stored shape with the same key."""
 

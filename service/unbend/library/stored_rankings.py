@@ -1,7 +1,8 @@
 """Rankings of query jobs, stored as references to shapes and classes.
 
-A stored ranking contains the seq and distance of each shape, and the row in `labels` of each class. Reading it fills in
-names and labels. A removed shape or class therefore disappears from all rankings without a search through history.
+A stored ranking contains the seq and distance of each shape, under measures of parts also what the query is to it, and
+the row in `labels` of each class. Reading it fills in names and labels. A removed shape or class therefore disappears
+from all rankings without a search through history.
 """
 
 from __future__ import annotations
@@ -28,7 +29,11 @@ def pack_ranking(connection: Connection, ranking: dict[str, Any] | None) -> dict
     seqs = {row.id: row.seq for row in _rows(connection, shapes.c.id, (each["id"] for each in ranking["shapes"]))}
     rows = _label_rows(connection, [each["label"] for each in ranking["classes"]])
     return ranking | {
-        "shapes": [[seqs[each["id"]], each["distance"]] for each in ranking["shapes"] if each["id"] in seqs],
+        "shapes": [
+            [seqs[each["id"]], each["distance"], *([each["part"]] if each["part"] else [])]
+            for each in ranking["shapes"]
+            if each["id"] in seqs
+        ],
         "classes": [
             [rows[each["label"]], each["distance"], each["confidence"]]
             for each in ranking["classes"]
@@ -41,12 +46,18 @@ def unpack_ranking(connection: Connection, stored: dict[str, Any] | None) -> dic
     """Return a stored ranking with the present names and labels of its shapes."""
     if stored is None:
         return None
-    found = {row.seq: row for row in _rows(connection, shapes.c.seq, (seq for seq, _ in stored["shapes"]))}
+    found = {row.seq: row for row in _rows(connection, shapes.c.seq, (seq for seq, *_ in stored["shapes"]))}
     texts = _texts(connection, (row for row, _, _ in stored["classes"]))
     return stored | {
         "shapes": [
-            {"id": row.id, "name": row.name, "label": row.label, "distance": distance}
-            for seq, distance in stored["shapes"]
+            {
+                "id": row.id,
+                "name": row.name,
+                "label": row.label,
+                "distance": distance,
+                "part": part[0] if part else None,
+            }
+            for seq, distance, *part in stored["shapes"]
             if (row := found.get(seq))
         ],
         "classes": [
@@ -69,6 +80,8 @@ def is_packed(stored: Any) -> bool:
 
 
 def _is_match(value: Any, kinds: tuple[type, ...]) -> bool:
+    if isinstance(value, list) and len(kinds) == 2 and len(value) == 3 and isinstance(value[2], dict):
+        value = value[:2]  # the third is what the query is to the shape
     return (
         isinstance(value, list)
         and len(value) == len(kinds)

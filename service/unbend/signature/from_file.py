@@ -33,7 +33,9 @@ def signature_of_file(
     limits: MeshLimits | None = None,
     progress: ProgressCallback | None = None,
     threads: int | None = None,
+    local: bool = False,
 ) -> FileSignature:
     """Read a mesh and compute its signature. See `read_mesh` and `compute_signature` for arguments and errors."""
     surface = read_mesh(source, file_type=file_type, policy=policy, limits=limits, progress=progress)
-    return FileSignature(surface, compute_signature(surface, parameters, progress=progress, threads=threads))
+    signature = compute_signature(surface, parameters, progress=progress, threads=threads, local=local)
+    return FileSignature(surface, signature)

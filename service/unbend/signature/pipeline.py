@@ -23,6 +23,8 @@ from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.sampling import sample_farthest
 from unbend.geodesics.stencils import stencils_of
 from unbend.geodesics.voronoi import cell_areas
+from unbend.local.signatures import local_signatures
+from unbend.mesh.smooth import boundary_edges
 from unbend.mesh.surface import Surface
 from unbend.progress import Progress, ProgressCallback, ignore
 from unbend.signature.connectivity import signature_faces
@@ -42,6 +44,7 @@ def compute_signature(
     *,
     progress: ProgressCallback | None = None,
     threads: int | None = None,
+    local: bool = False,
 ) -> Signature:
     """Compute the bending-invariant signature of `surface` (Elad & Kimmel 2003, section 2).
 
@@ -55,6 +58,8 @@ def compute_signature(
         Called with a `Progress` from time to time.
     threads : int, optional
         Threads for distance rows and embedding; all cores by default. The result does not depend on it.
+    local : bool, default False
+        Compute local signatures, too, by which pieces are recognised. It takes about as long as the signature.
 
     Returns
     -------
@@ -81,9 +86,22 @@ def compute_signature(
     report = progress or ignore
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
+    if local:
+        return _with_local(surface, chosen, report, threads)
     if chosen.samples == AUTO:
         return _by_doubling(surface, chosen, report, threads)
     return _computed(surface, chosen, min(int(chosen.samples), len(surface.used_vertices)), report, threads)
+
+
+def _with_local(surface: Surface, chosen: Parameters, report: ProgressCallback, threads: int | None) -> Signature:
+    """Compute the signature, then the local signatures, which take about as long."""
+    found = compute_signature(
+        surface, chosen, progress=lambda made: report(replace(made, share=made.share / 2)), threads=threads
+    )
+    circles = local_signatures(
+        surface, threads=threads, progress=lambda share: report(Progress("describing", (1.0 + share) / 2))
+    )
+    return replace(found, local=circles)
 
 
 def _by_doubling(surface: Surface, chosen: Parameters, report: ProgressCallback, threads: int | None) -> Signature:
@@ -158,7 +176,13 @@ def _computed(
         descriptors=_describe(surface, posed, faces, matrix.distances, weights / weights.sum()),
         parameters=chosen,
         warnings=(*surface.report.warnings, *_doubts(matrix.asymmetry)),
+        boundary=_boundary(surface),
     )
+
+
+def _boundary(surface: Surface) -> float:
+    a, b = surface.vertices[boundary_edges(surface)].transpose(1, 0, 2)
+    return float(np.linalg.norm(a - b, axis=1).sum() / np.sqrt(surface.area))
 
 
 def _first_sample(surface: Surface, chosen: Parameters) -> int | None:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, frozen
+from unbend.local.signatures import LocalSignatures
 from unbend.signature.parameters import Parameters
 
 ALGORITHM_VERSION: Final = "5"
@@ -38,6 +39,10 @@ class Signature:
     version: str = ALGORITHM_VERSION
     warnings: tuple[str, ...] = ()
     """Reasons why the signature may be wrong, and remedies. Warnings from reading the surface come first."""
+    boundary: float | None = None
+    """Length of the surface's boundary over the square root of its area; None in signatures of earlier libraries."""
+    local: LocalSignatures | None = field(default=None, repr=False)
+    """Local signatures, by which pieces are recognised; None unless they were asked for."""
 
     def __post_init__(self) -> None:
         kinds = {"points": np.float64, "faces": np.int32, "samples": np.int64, "weights": np.float64}

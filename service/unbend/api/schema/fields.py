@@ -16,9 +16,9 @@ from unbend.embedding.embed import MAX_STARTS, Criterion, Method
 from unbend.embedding.weighting import Weighting
 from unbend.geodesics.distances import Update
 from unbend.jsons import as_whole
-from unbend.library.requests import MAX_PAIRS
+from unbend.library.requests import MAX_PAIRS, RANKING_MEASURES
 from unbend.matching.classification.registry import CLASSIFIERS
-from unbend.matching.measures.registry import MEASURES, PAIR_MEASURES, VECTOR_MEASURES
+from unbend.matching.measures.registry import PAIR_MEASURES, VECTOR_MEASURES
 from unbend.mesh.formats import FORMATS
 from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components, Seams
 from unbend.signature.parameters import MAX_SAMPLES, MAX_SEED, FirstSample, Scaling
@@ -125,7 +125,7 @@ def as_instant(value: object) -> object:
     return value
 
 
-MeasureName = Annotated[str, Field(json_schema_extra={"enum": list(MEASURES)})]
+MeasureName = Annotated[str, Field(json_schema_extra={"enum": list(RANKING_MEASURES)})]
 
 VectorMeasureName = Annotated[str, Field(json_schema_extra={"enum": list(VECTOR_MEASURES)})]
 

@@ -116,6 +116,23 @@ class ClassMatch(BaseModel):
     )
 
 
+class Part(BaseModel):
+    """The relation of a query to a shape, under a measure of parts."""
+
+    relation: Literal["part", "contains", "whole"] = Field(
+        description="The query is a part of the shape, contains it, or is a whole like it."
+    )
+    covered: float = Field(description="Area of the smaller surface over that of the larger one.", examples=[0.3])
+    matched: float = Field(
+        description="Share of the compared circles that are where the others say they must be.", examples=[0.95]
+    )
+    residual: float = Field(
+        description="Root mean square error of distances between matched circles, in units of the query.",
+        examples=[1.7],
+    )
+    scale: float = Field(description="Length in units of the shape of a length 1 in units of the query.", examples=[1])
+
+
 class ShapeMatch(BaseModel):
     """A stored shape and its distance from the query."""
 
@@ -123,6 +140,7 @@ class ShapeMatch(BaseModel):
     name: str = Field(examples=["cat-03"])
     label: str | None = Field(examples=["cat"])
     distance: float = Field(examples=[0.041])
+    part: Part | None = Field(None, description="Only under measures of parts, for the nearest shapes.")
 
 
 class Ranking(BaseModel):

@@ -18,11 +18,12 @@ import numpy as np
 
 from unbend.errors import BackupError
 from unbend.library.metadata import read_metadata
-from unbend.library.packing import unpack_signature
+from unbend.library.packing import unpack_local, unpack_signature
 from unbend.library.records import UNFINISHED_STATES, JobState
 from unbend.library.requests import JobKind
 from unbend.library.storage.schema import metadata
 from unbend.library.stored_rankings import is_packed
+from unbend.local.signatures import RUNGS
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
 
@@ -136,6 +137,16 @@ def _check_descriptor(_connection: sqlite3.Connection, row: Row) -> None:
     _must(len(vector) % 8 == 0 and bool(np.isfinite(np.frombuffer(vector, "<f8")).all()), "a broken vector")
 
 
+def _check_local(_connection: sqlite3.Connection, row: Row) -> None:
+    try:
+        local = unpack_local(row["payload"])
+    except Exception as error:  # a damaged archive raises all kinds of errors
+        raise ValueError(f"no local signatures: {error}") from error
+    count = len(local)
+    _must(local.growth.shape == (count, RUNGS) and local.reach.shape == (count,), "local signatures of a wrong shape")
+    _must(bool(np.isfinite(local.growth).all() and np.isfinite(local.distances).all()), "circles that are not finite")
+
+
 def _check_shape(_connection: sqlite3.Connection, row: Row) -> None:
     _must(bool(_ID.fullmatch(row["id"])), "a malformed id")
     read_metadata(row["metadata"])  # metadata that is nested too deeply is allowed
@@ -167,6 +178,7 @@ _CHECKS: Final[dict[str, Callable[[sqlite3.Connection, Row], None]]] = {
     "meshes": _check_mesh,
     "signatures": _check_signature,
     "descriptors": _check_descriptor,
+    "local_signatures": _check_local,
     "shapes": _check_shape,
     "jobs": _check_job,
     "api_keys": _check_key,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from unbend.library.requests import QueryRequest
 from unbend.library.search.index import IndexKey, SearchIndex
 from unbend.library.search.overview import MapOptions, ShapeMap, evaluation_of, map_of, select
+from unbend.library.search.parts import PartIndex, rank_parts
 from unbend.library.search.ranking import Ranking, rank
 from unbend.library.storage.store import Store
 from unbend.matching.evaluate import Evaluation
@@ -22,6 +23,7 @@ class Search:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._index = SearchIndex()
+        self._parts = PartIndex()
 
     def rank(self, query: Signature | str, request: QueryRequest) -> Ranking:
         """Rank classes and shapes by their distance from a signature, or from the shape with an id.
@@ -34,7 +36,11 @@ class Search:
             If there is no such shape.
         UnsuitedError
             If the classifier needs more labels.
+        ParameterError
+            If a measure of parts is asked about a signature without local signatures.
         """
+        if request.part_measure:
+            return rank_parts(self._store, self._parts, query, request)
         return rank(self._store, self._index, query, request)
 
     def evaluation(self, measure: str, parameters: Parameters | None = None) -> Evaluation:

@@ -20,6 +20,7 @@ from unbend.matching.measures import PairMeasure, VectorMeasure
 from unbend.matching.rerank import SHORTLIST, rerank
 from unbend.matching.selection import smallest
 from unbend.signature.signature import Signature
+from unbend.tolerances import PIECE_BOUNDARY
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Ranking:
         return {  # `asdict` takes longer for a thousand classes than the search
             "measure": self.measure,
             "classes": [dict(vars(match)) for match in self.classes],
-            "shapes": [dict(vars(match)) for match in self.shapes],
+            "shapes": [match.as_dict() for match in self.shapes],
             "known": self.known,
             "warnings": list(self.warnings),
         }
@@ -73,8 +74,19 @@ def rank(store: Store, index: SearchIndex, query: Signature | str, request: Quer
         matches = shape_rows.get_matches(connection, snapshot.seqs[nearest].tolist(), distances[nearest].tolist())
         if pair_measure:
             matches = _reranked(connection, query, matches, pair_measure)[: request.k]
+        boundaries = shape_rows.get_boundaries(connection, [seq, *snapshot.seqs[nearest[:1]].tolist()])
+    own = query.boundary if isinstance(query, Signature) else boundaries[0]
     found = classify(snapshot.gallery, measure, vector, distances, request.classifier)
+    warnings = (*warnings, *_doubts(own, boundaries[-1]))
     return Ranking(request.measure, found.matches, matches, found.known, warnings)
+
+
+def _doubts(own: float | None, nearest: float | None) -> tuple[str, ...]:
+    """Return a warning if only one of a query and the nearest shape has the boundary of a piece."""
+    if own is None or nearest is None or (own > PIECE_BOUNDARY) == (nearest > PIECE_BOUNDARY):
+        return ()
+    which, other = ("mesh", "nearest shape") if own > PIECE_BOUNDARY else ("nearest shape", "mesh")
+    return (f"the {which} is open and the {other} is not: if it is a piece, ask with the measure `partial`",)
 
 
 def _key_of(store: Store, query: Signature | str, measure: VectorMeasure) -> tuple[IndexKey, int, Sequence[str]]:

@@ -69,6 +69,7 @@ signatures = Table(
     Column("payload", LargeBinary, nullable=False),
     Column("warnings", JSON, nullable=False, server_default="[]"),
     Column("dimension", Integer),
+    Column("boundary", Float),
     UniqueConstraint("mesh_sha256", "parameters", "policy", "version"),
     comment="What was computed: one row for a file, parameters, reading policy and version of the algorithm.",
 )
@@ -80,6 +81,15 @@ descriptors = Table(
     Column("measure", String, primary_key=True),
     Column("vector", LargeBinary, nullable=False),
     comment="Vectors for comparing, little-endian float64.",
+)
+
+local_signatures = Table(
+    "local_signatures",
+    metadata,
+    Column("signature_id", ForeignKey("signatures.id", ondelete="CASCADE"), primary_key=True),
+    Column("version", String, nullable=False),
+    Column("payload", LargeBinary, nullable=False),
+    comment="Local signatures, by which pieces are recognised; shapes of earlier versions have none.",
 )
 
 shapes = Table(

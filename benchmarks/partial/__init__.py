@@ -1,0 +1,1 @@
+"""Pieces of shapes: how often the right whole is found, and what it costs."""

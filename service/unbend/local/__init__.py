@@ -1,0 +1,1 @@
+"""Local signatures: the geodesic circles around many points of a surface, by which parts are recognised."""

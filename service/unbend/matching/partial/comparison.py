@@ -1,0 +1,152 @@
+"""The comparison of two surfaces in detail: which circle is where, so that geodesic distances are kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from unbend.arrays import Indices, Singles
+from unbend.jit import kernel
+from unbend.local.signatures import OCTAVE, LocalSignatures
+from unbend.matching.partial.profiles import profiles_of
+from unbend.matching.partial.scanning import differences, ordered
+
+Relation = Literal["part", "contains", "whole"]
+"""What a query is to a shape: a part of it, larger and containing it, or a whole shape like it."""
+
+ANCHORS: Final = 3
+"""Circles, far from each other, that determine where the others must be."""
+
+CANDIDATES: Final = 4
+"""Places that are tried for each anchor."""
+
+STRICTNESS: Final = 3.0
+"""Penalty for a distance that differs by the square root of the larger area, in units of the usual deviation."""
+
+LARGEST_PENALTY: Final = 1.0
+"""Penalty at which a distance counts as wrong, however wrong: a cut may lengthen it, or the mesh a circle."""
+
+_AS_LARGE: Final = 0.95
+"""A query of at least this share of a shape's area is no part of it, but a whole."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The relation of a query to a shape, and how well they agree."""
+
+    distance: float
+    """Mean difference of the circles at their places, with penalties for displaced ones; about 1 between poses."""
+    relation: Relation
+    covered: float
+    """Area of the smaller surface over that of the larger one, at most 1."""
+    matched: float
+    """Share of the compared circles whose places keep their distance from the anchor."""
+    residual: float
+    """Root of the mean squared error of these distances, in units of the query's vertices."""
+    scale: float
+    """Length in the shape's unit of a length 1 in the query's."""
+    places: Indices
+    """The centre of the larger surface where each chosen circle of the smaller one is, (m,)."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what a ranking says about a shape, as JSON values."""
+        return {
+            "relation": self.relation, "covered": self.covered, "matched": self.matched, "residual": self.residual,
+            "scale": self.scale,
+        }  # fmt: skip
+
+
+def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0) -> Comparison:
+    """Compare two surfaces of which one may be a piece of the other.
+
+    One circle of the smaller surface, the anchor, is put on each of the most similar places of the larger one. Then
+    each other circle goes to the place that differs least, with a penalty for a wrong distance from the anchor. The
+    best of all anchors and places counts.
+
+    Parameters
+    ----------
+    query, shape : LocalSignatures
+    shift : int, default 0
+        Lengths of the query count 2^(shift / 4)-fold.
+    """
+    unit = float(2.0 ** (shift / OCTAVE))
+    profiles, others = profiles_of(query), profiles_of(shape)
+    small, large, moved = ordered(profiles, others, shift)
+    part, whole = (query, shape) if small is profiles else (shape, query)
+    factor = unit if small is profiles else 1 / unit
+    between = part.distances[np.ix_(small.chosen, small.chosen)] * np.float32(factor)
+    found = differences(small, large, moved)
+    comparable = np.isfinite(found).all(axis=1)  # the others have no ring in common with the larger surface's
+    weights = np.where(comparable, small.weights, np.float32(0))
+    found[~comparable] = 0.0
+    places = np.zeros(len(small.chosen), np.int64)
+    root = np.sqrt(large.area)
+    distance, anchor = _best_places(
+        found, weights, between, whole.distances, _anchors(between, weights), STRICTNESS / root, places
+    )
+    errors = np.abs(whole.distances[places[anchor], places] - between[anchor])[comparable]
+    kept = errors * (STRICTNESS / root) < LARGEST_PENALTY
+    ratio = small.area * factor**2 / large.area
+    relation: Relation = "whole"
+    if small.is_open and ratio < _AS_LARGE:
+        relation = "part" if small is profiles else "contains"
+    residual = float(np.sqrt(np.mean(errors[kept] ** 2)) if kept.any() else 0.0) / (unit if small is profiles else 1.0)
+    return Comparison(
+        float(distance),
+        relation,
+        float(min(1.0, ratio)),
+        float(kept.mean() if len(kept) else 0.0),
+        residual,
+        unit,
+        places,
+    )
+
+
+def _anchors(between: Singles, weights: Singles) -> Indices:
+    """Return the circle farthest from the boundary, and others that are far from it and from each other."""
+    anchors = [0]
+    while len(anchors) < min(ANCHORS, len(between)):
+        anchors.append(int((between[anchors].min(axis=0) * weights).argmax()))
+    return np.array(anchors)
+
+
+@kernel
+def _best_places(
+    found: Singles,
+    weights: Singles,
+    between: Singles,
+    whole: Singles,
+    anchors: Indices,
+    strictness: float,
+    places: Indices,
+) -> tuple[float, int]:
+    """Write the best place of each circle; return the mean difference, and the anchor of these places."""
+    count, columns = found.shape
+    best, best_anchor = np.inf, 0
+    trial = np.empty(count, np.int64)
+    for anchor in anchors:
+        order = np.argsort(found[anchor])
+        for place in order[:CANDIDATES]:
+            total = 0.0
+            for row in range(count):
+                least, at = np.inf, place
+                if row == anchor:
+                    least = found[row, place]
+                else:
+                    for column in range(columns):
+                        if found[row, column] < least:
+                            error = abs(whole[place, column] - between[anchor, row]) * strictness
+                            value = found[row, column] + min(error, LARGEST_PENALTY)
+                            if value < least:
+                                least, at = value, column
+                trial[row] = at
+                total += weights[row] * least
+                if total >= best:
+                    break
+            if total < best:
+                best, best_anchor = total, anchor
+                places[:] = trial
+    total_weight = weights.sum()
+    return best / total_weight if total_weight > 0 else np.inf, best_anchor

@@ -1,0 +1,69 @@
+"""Local signatures in the form in which they are compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from unbend.arrays import Indices, Ints, Singles
+from unbend.local.signatures import LocalSignatures
+
+COMPARED: Final = 60
+"""Circles of the smaller surface that are sought on the larger one: those farthest from the boundary."""
+
+WIDEST: Final = 13
+"""Rings that are compared, from 0.07 to 0.57 of the square root of the larger surface's area."""
+
+_FEWEST: Final = 3
+"""A circle with fewer rings than this is compared only if its surface has no better ones."""
+
+_CARRIED: Final = np.float32(0.6)
+"""Share of a ring's deviation that the next ring repeats."""
+
+_PRECISION: Final = np.float32(27.0)
+"""One over the usual deviation that is left: 0.037 of the square of the radius.
+
+Between poses of one shape, the deviations of neighbouring rings are those of a first-order autoregression, with nearly
+the same constants at all radii (benchmarks/partial/pieces.py, measured on half of the classes of SHREC'11).
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """Rings without what they repeat, in units of their usual deviation, and what else a comparison needs."""
+
+    values: Singles
+    """(c, r): value k of a centre is that of the ring with the outer radius 2^((first + k) / 4)."""
+    first: int
+    chosen: Indices
+    """Centres to seek on a larger surface, (m,), the farthest from the boundary first."""
+    rings: Ints
+    """Number of complete rings around each chosen centre, (m,) int32."""
+    weights: Singles
+    """Weights of the chosen circles: their radii over the square root of the area, at most 0.9 each, (m,)."""
+    area: float
+    is_open: bool
+
+
+def profiles_of(local: LocalSignatures) -> Profiles:
+    """Return the profiles of local signatures.
+
+    The first ring has none before it, so values begin with the second.
+    """
+    values = _PRECISION * (local.rings[:, 1:] - _CARRIED * local.rings[:, :-1])
+    radii = local.radii[2:]
+    complete = np.minimum((local.reach[:, None] >= radii).sum(axis=1), WIDEST if not local.is_open else len(radii))
+    order = np.argsort(-local.reach, kind="stable")
+    good = order[complete[order] >= _FEWEST]
+    chosen = (good if len(good) >= _FEWEST else order[:_FEWEST])[:COMPARED]
+    return Profiles(
+        values=np.ascontiguousarray(values, np.float32),
+        first=local.first + 2,
+        chosen=chosen.astype(np.int64),
+        rings=np.maximum(complete[chosen], 1).astype(np.int32),
+        weights=np.minimum(local.reach[chosen] / np.float32(np.sqrt(local.area)), np.float32(0.9)).astype(np.float32),
+        area=local.area,
+        is_open=local.is_open,
+    )

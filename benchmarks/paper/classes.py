@@ -96,7 +96,10 @@ def _forms(of: Class, signatures: list[Signature]) -> list[Surface]:
 
 
 def _nearest_turn(points: Array, others: Array) -> Array:
-    """Return the rotation or reflection of a signature nearest to another, up to order and sign of the axes."""
+    """Return the rotation or reflection that brings `points` nearest to `others`.
+
+    It maps principal axes to principal axes; all orders and signs of the axes are tried.
+    """
     others = others - others.mean(axis=0)
     axes = np.linalg.svd(others, full_matrices=False)[2]
     centred, tree = points - points.mean(axis=0), cKDTree(others)
@@ -142,7 +145,7 @@ def _signature(surface: Surface) -> Signature:
 
 
 def _draw_map(axes: plt.Axes, title: str, labels: list[str], vectors: Array) -> None:
-    """Draw one point for each shape, by MDS of the squared distances D_M between the vectors (section 2.3)."""
+    """Draw one point for each shape, by MDS of the distances between the vectors: the roots of D_M (section 2.3)."""
     places = embed(cdist(vectors, vectors), 2).points
     for number, label in enumerate(dict.fromkeys(labels)):
         own = places[[label == other for other in labels]]

@@ -175,10 +175,10 @@ Moments hardly separate cat and dog: their ratio is below 0, so the variance exc
 
 ![Maps of the shapes by moments: mixed for the surfaces, apart for the signatures](pictures/paper-fig8.png)
 
-Each point is a shape. The maps are the MDS of D_M (section 2.3), the squared distances between vectors of moments: on
-the left of the original surfaces (`surface_moments`), on the right of their signatures (`moments`). The upper maps show
-the shapes of Fig. 6 in all six bendings, the lower ones eight classes of real meshes. The table shows how often the
-nearest other shape has the same class, and the mean distance between classes over that within classes:
+Each point is a shape. The maps are the MDS of the distances between vectors of moments, the roots of D_M (section
+2.3): on the left of the original surfaces (`surface_moments`), on the right of their signatures (`moments`). The upper
+maps show the shapes of Fig. 6 in all six bendings, the lower ones eight classes of real meshes. The table shows how
+often the nearest other shape has the same class, and the mean distance between classes over that within classes:
 
 {figure_8()}
 

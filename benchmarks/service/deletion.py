@@ -3,8 +3,8 @@
     python -m benchmarks.service.deletion
 
 For files of three sizes, prints the milliseconds that the store takes for a query's file, from the upload to the end of
-its job, and for removing a shape. Compares the library's own way, one without emptying the log, and one that also does
-not overwrite.
+its job, and for removing a shape. Each is measured three times: as the library deletes, without emptying the log, and
+without overwriting either.
 """
 
 from __future__ import annotations

@@ -58,7 +58,8 @@ def test_the_intrinsic_triangulation_keeps_area_angles_and_topology(surface):
     assert (np.isclose(steiner, 2 * np.pi, atol=1e-5) | np.isclose(steiner, np.pi, atol=1e-5)).all()
     edges = (len(after.twins) + (after.twins < 0).sum()) / 2
     given_edges = (len(before.twins) + (before.twins < 0).sum()) / 2
-    assert after.vertex_count - edges + len(after.faces) == count - given_edges + len(before.faces)  # Euler's number
+    # the Euler characteristic
+    assert after.vertex_count - edges + len(after.faces) == count - given_edges + len(before.faces)
 
 
 @pytest.mark.parametrize("surface", [crumpled(3), grid(9, 7, 2.5), *cad_models().values(), height_map(100)])
@@ -76,7 +77,8 @@ def test_every_edge_that_can_be_flipped_is_delaunay(surface):
     mesh = triangulated(surface)
     angles = angles_of(mesh).ravel()
     inner = np.flatnonzero(mesh.free)
-    ends = mesh.faces.ravel()[inner] != mesh.faces.ravel()[mesh.twins[inner]]  # edges that a flip would make loops stay
+    # An edge whose two faces have the same opposite vertex is not flipped: the new edge would be a loop.
+    ends = mesh.faces.ravel()[inner] != mesh.faces.ravel()[mesh.twins[inner]]
     assert (angles[inner] + angles[mesh.twins[inner]] <= np.pi + 1e-4)[ends].all()
 
 

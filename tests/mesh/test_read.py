@@ -1,4 +1,4 @@
-"""Reading meshes: every format keeps the vertices of the file, and damage raises a typed error with the place."""
+"""Reading meshes: formats, the order and joining of vertices, and typed errors for damaged files."""
 
 from __future__ import annotations
 

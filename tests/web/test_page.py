@@ -1,4 +1,4 @@
-"""The web page, used as people use it: real meshes, a real server, a real browser."""
+"""The web page in a real browser at a real server, mostly with real meshes."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_the_slider_bends_the_surface(filled: Server, open_page: OpenPage) -> No
 
 
 def test_a_moving_camera_draws_drafts_until_it_rests(filled: Server, open_page: OpenPage) -> None:
-    # Four times the pixels, so that software is too slow on every machine.
+    # Four times the pixels: too many for software rendering to draw them all while the camera moves, on any machine.
     page = open_page(f"{filled.url}/#/shape/{shape_id(filled, label='cat')}", device_scale_factor=2)
     canvas = page.locator(".stage canvas")
     expect(canvas).to_be_visible()
@@ -446,7 +446,7 @@ def test_a_view_is_a_glb_file_with_the_form(filled: Server, shared_data: Path) -
 
 
 def test_the_grid_holds_only_what_is_visible(unused: Server, open_page: OpenPage) -> None:
-    """A library of thousands scrolls, because only the visible cards are in the document."""
+    """With 3000 shapes the document has fewer than 80 cards at a time, and scrolling reaches the last shape."""
     shapes = [
         {
             "id": f"{number:032x}", "name": f"shape {number}", "label": None, "metadata": {}, "warnings": [],

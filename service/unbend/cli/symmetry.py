@@ -14,7 +14,9 @@ from unbend.cli.options import Values, mesh_path, output_option, policy_options
 @click.command()
 @click.argument("mesh", type=mesh_path)
 @output_option(
-    "npz or json: the mirror image of each vertex. ply, glb, obj or off: MESH in mirrored colours.", required=True
+    "npz or json: the mirror image of each vertex. "
+    "ply, glb, obj or off: MESH, each vertex coloured by the place of its mirror image.",
+    required=True,
 )
 @samples_option
 @policy_options

@@ -12,21 +12,22 @@ ASSETS: Final = "/docs-assets"
 
 
 class Prefix:
-    """ASGI middleware that removes the prefix from paths, and adds it to `Location`; the outermost middleware."""
+    """The outermost middleware: removes the prefix from paths, except those of `ASSETS`, and adds it to `Location`."""
 
     def __init__(self, app: ASGIApp, prefix: str) -> None:
         self._app = app
         self._prefix = prefix
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on without the prefix."""
+        """Pass a request on with the prefix in `root_path`; only paths of `ASSETS` have it in `path`, too."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         path: str = scope["path"]
         if path == self._prefix or path.startswith(f"{self._prefix}/"):
             path = path.removeprefix(self._prefix) or "/"
-        if path.startswith(f"{ASSETS}/"):  # Starlette looks for mounted files below the prefix
+        # Starlette finds the files of a mount only if the path begins with `root_path`.
+        if path.startswith(f"{ASSETS}/"):
             path = self._prefix + path
 
         async def adding_prefix(message: Message) -> None:

@@ -1,4 +1,4 @@
-"""Smoothing: earlier shapes were read without it. Their policies record that, because the text is part of the key."""
+"""Smoothing: adds "smooth":0 to earlier policies, because a policy's JSON text is part of a signature's key."""
 
 import sqlalchemy as sa
 from alembic import op

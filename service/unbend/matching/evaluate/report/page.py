@@ -27,7 +27,7 @@ _METRIC_NAMES: Final = {"nn": "NN", "ft": "FT", "st": "ST", "e": "E", "dcg": "DC
 _EXPLANATIONS: Final = {
     "nn": "nearest neighbour: the share of queries whose nearest shape belongs to their class",
     "ft": "first tier: the share of the C other shapes of the class that is among the C nearest",
-    "st": "second tier: the share of them that is among the 2 C nearest",
+    "st": "second tier: the share of the C other shapes of the class that is among the 2 C nearest",
     "e": "E-measure: the harmonic mean of precision and recall among the 32 nearest",
     "dcg": "discounted cumulative gain, divided by that of the ideal ranking",
     "map": "mean average precision",
@@ -51,7 +51,7 @@ class Report:
     evaluations: Mapping[str, Evaluation]
     """The evaluation of each measure, all with the same queries and gallery."""
     queries: Sequence[str]
-    """The name of each query, in the order of the rows."""
+    """The name of each answered query, in the order of the evaluations' rows."""
     gallery: Sequence[str]
     """The name of each shape of the gallery; equal to `queries` with leave-one-out."""
     left_out: bool

@@ -1,4 +1,4 @@
-"""Deletion: removed content does not remain in the file, in its log, or in stored jobs."""
+"""Deletion: removed content does not remain in the database file, its write-ahead log, or stored jobs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def assert_no_secrets(path, *others: bytes) -> None:
 
 
 def assert_soon_gone(path, text: bytes) -> None:
-    """Wait until `text` is gone: the log is emptied once for all jobs that end within a second."""
+    """Wait until `text` is gone: the write-ahead log is truncated a second after a job ends."""
     until = time.monotonic() + 10.0
     while on_disk(path, text) and time.monotonic() < until:
         time.sleep(0.1)

@@ -19,7 +19,7 @@ def test_a_rotation_or_reflection_is_undone(rotation, seed, mirrored):
     signs = np.diag([1.0, 1.0, -1.0 if mirrored else 1.0])
     centred = POINTS - POINTS.mean(axis=0)
     turned = orient_form(3.0 * centred @ rotation(seed) @ signs, POINTS + np.array([5.0, -2.0, 1.0]))
-    np.testing.assert_allclose(turned, 3.0 * centred, atol=1e-9)  # in its own unit, around its own origin
+    np.testing.assert_allclose(turned, 3.0 * centred, atol=1e-9)  # the result keeps the form's scale and origin
 
 
 def test_further_coordinates_and_distances_stay(rotation):

@@ -38,7 +38,11 @@ def _to_segments(point: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.nd
 
 
 def distance_from_surface(surface: Surface, polyline: np.ndarray) -> float:
-    """Return the largest distance of a segment's ends from their best common triangle; 0 if each segment is in one."""
+    """Return the largest distance of a polyline's segments from a surface; 0 if each is in one triangle.
+
+    The distance of a segment from a triangle is that of its farther end. Only triangles whose bounding boxes contain
+    the segment are considered; the result is inf if there are none.
+    """
     corners = surface.vertices[surface.faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
     slack = 1e-9 * np.ptp(surface.vertices[surface.used_vertices], axis=0).max()
@@ -54,9 +58,9 @@ def distance_from_surface(surface: Surface, polyline: np.ndarray) -> float:
 def path_lengths(mesh: StripMesh, field: np.ndarray, source: int, targets: np.ndarray) -> np.ndarray:
     """Return the lengths of locally shortest paths from a vertex to others, found by descent on its distance field.
 
-    A descent only has to choose the correct side of each obstacle, so the lengths are much more accurate than the
-    field, and never too short. The length is inf where the field is. If a descent does not reach the source, which
-    happens only next to faces that repeat a vertex, the length is the value of the field.
+    The field only decides on which side of each vertex the path passes, so the lengths are much more accurate than the
+    field. The length of a path is never less than the geodesic distance. The length is inf where the field is. If a
+    descent does not reach the source, or its path cannot be shortened, the length is the value of the field.
     """
     field, targets = np.array(field), np.asarray(targets, np.int64)
     order = np.argsort(field[targets], kind="stable")  # nearest first, so that later descents use the refined field

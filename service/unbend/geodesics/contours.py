@@ -39,7 +39,8 @@ def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tupl
     Raises
     ------
     ParameterError
-        If there is not one value for each vertex, a used vertex has NaN, or a level is not finite.
+        If there is not one value for each vertex, a used vertex has NaN, or `levels` is not a finite number or a
+        one-dimensional array of finite numbers.
 
     Examples
     --------
@@ -54,7 +55,7 @@ def iso_contours(surface: Surface, values: ArrayLike, levels: ArrayLike) -> tupl
     if np.isnan(values[surface.used_vertices]).any():
         raise ParameterError("values: one of them is not a number")
     if levels.ndim != 1 or not np.isfinite(levels).all():
-        raise ParameterError("levels must be one or more finite numbers")
+        raise ParameterError("levels must be a finite number or a one-dimensional array of finite numbers")
     lowest, highest = np.empty(len(surface.faces)), np.empty(len(surface.faces))
     _ranges(surface.faces, values, lowest, highest)
     return tuple(_polylines(surface, values, level, (lowest < level) & (level <= highest)) for level in levels)
@@ -89,7 +90,9 @@ def _polylines(surface: Surface, values: Floats, level: float, crossed: Bools) -
 def _crossings(vertices: Floats, values: Floats, level: float, keys: Indices) -> Floats:
     first, second = np.divmod(keys, len(vertices))
     share = ((level - values[first]) / (values[second] - values[first]))[:, None]
-    between = vertices[first] + share * (vertices[second] - vertices[first])  # exact where the ends agree
+    between = vertices[first] + share * (
+        vertices[second] - vertices[first]
+    )  # a coordinate that both ends share stays exact
     return np.asarray(np.where(share < 1, between, vertices[second]), np.float64)
 
 
@@ -130,7 +133,7 @@ def _follow(segments, links, degree, used, segment, point, order, size):
 
 @kernel
 def _chain(segments, count):
-    """Join segments (k, 2) between `count` points to chains; return the points in order, and the start of each chain.
+    """Join segments (k, 2) between `count` points into chains; return the points in order, and each chain's start.
 
     A chain ends at a point with one segment or more than two. Chains without such a point are closed.
     """

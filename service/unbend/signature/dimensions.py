@@ -1,4 +1,4 @@
-"""Moments of a shape's signatures in several numbers of dimensions, to compare these numbers."""
+"""Moments of a shape's signatures in 1, 2, ... dimensions, to compare the choices of dimension."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def moments_over_dimensions(
     Returns
     -------
     dict of str to (most, 14) float64
-        Moments of the surface scaled to area 1.
+        For each method, row d - 1 has the moments of the signature in d dimensions, of the surface scaled to area 1.
 
     Raises
     ------

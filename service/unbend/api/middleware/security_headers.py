@@ -23,7 +23,10 @@ _INLINE_SCRIPT: Final = re.compile(rb"<script>(.*?)</script>", re.DOTALL)
 
 
 class SecurityHeaders:
-    """ASGI middleware that adds `headers_for` to every response, and a content policy to the pages of the API."""
+    """ASGI middleware that adds the headers of `headers_for` that a response lacks.
+
+    The documentation pages also get a Content-Security-Policy that allows their inline scripts.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

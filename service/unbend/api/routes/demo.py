@@ -1,4 +1,4 @@
-"""The demo shapes, for a library that is still empty."""
+"""The route that adds the demo shapes to the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Polygonisation of the zero set of a function on a grid, by surface nets that are always manifold.
+"""Polygonisation of the zero set of a function on a grid, by surface nets with a vertex for each sheet of a cell.
 
 The net has a quad for each crossed grid edge, and a vertex in each cell that the surface crosses (Gibson 1998,
 "Constrained elastic surface nets"), or several vertices if several sheets pass through the cell (Nielson 2004, "Dual
@@ -64,7 +64,7 @@ def relaxed(vertices: Floats, quads: Indices, gradient: Gradient, cell: float, *
     """Move the vertices halfway to the mean of their neighbours and back onto the surface, `rounds` times."""
     rows, columns = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     ones = np.ones(len(rows))
-    # The two quads of an edge traverse it in opposite directions, so each neighbour is counted once.
+    # An edge has two quads, rarely four, half of which traverse it in each direction: neighbours count equally.
     neighbours = coo_array((ones, (rows, columns)), shape=(len(vertices),) * 2).tocsr()
     degree: Floats = np.asarray(neighbours.sum(axis=1)).ravel()[:, None]
     vertices = _projected(vertices, gradient, cell, steps=2)
@@ -149,7 +149,7 @@ def _quads(
     along, side, up = np.roll(np.eye(3, dtype=np.int64), -axis, axis=0)  # right-handed
     around = []
     for offset in (side + up, up, 0 * up, side):
-        # In the cell at minus `offset`, the edge starts at the corner `offset`.
+        # In the cell at the start of the edge minus `offset`, the edge starts at the corner `offset`.
         start, end = np.array([offset, offset + along]) @ (4, 2, 1)
         number = int(np.flatnonzero((EDGES[:, 0] == start) & (EDGES[:, 1] == end))[0])
         around.append(vertex[row[tuple((edges - offset).T)], number])

@@ -2,7 +2,7 @@
 
 export type Point = [number, number, number];
 
-/** Direction from which the camera looks at first; of length 1. */
+/** Unit vector from the origin towards the first position of the camera. */
 export const FIRST_DIRECTION: Point = [0.5443, 0.2771, 0.7918];
 
 export function at(points: Float32Array, vertex: number): Point {
@@ -13,7 +13,7 @@ export function distance(a: Point, b: Point): number {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-/** Normals of vertices, each the sum of those of its faces weighted by area. */
+/** Unit normals of vertices: the normalised sum of the adjacent faces' normals, weighted by area. */
 export function normals(positions: Float32Array, faces: Uint32Array): Float32Array {
   const found = new Float32Array(positions.length);
   for (let face = 0; face < faces.length; face += 3) {
@@ -60,7 +60,10 @@ export function centred(points: Float32Array): Float32Array {
   return points.map((value, i) => value - (low[i % 3]! + high[i % 3]!) / 2);
 }
 
-/** Return the vertex nearest to where a ray first meets the mesh, -1 if it misses (Moeller & Trumbore 1997). */
+/**
+ * Return the corner with the largest barycentric coordinate where a ray first meets the mesh; -1 if it misses
+ * (Moeller & Trumbore 1997).
+ */
 export function pick(positions: Float32Array, faces: Uint32Array, origin: Point, ray: Point): number {
   let nearest = Infinity;
   let vertex = -1;
@@ -101,7 +104,7 @@ function dot(a: Point, b: Point): number {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/** Area of each vertex: a third of its faces. */
+/** Area of each vertex: a third of the area of its faces. */
 export function vertexAreas(positions: Float32Array, faces: Uint32Array): Float32Array {
   const areas = new Float32Array(positions.length / 3);
   for (let face = 0; face < faces.length; face += 3) {

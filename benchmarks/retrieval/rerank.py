@@ -148,7 +148,7 @@ def change_text(changes: list[tuple[str, int, float]]) -> str:
         for name in dict.fromkeys(name for name, _, _ in changes)
     ]
     return (
-        "**Length of the short list**: change of mAP over A, mean of the data sets.\n\n"
+        "**Length of the short list**: change of the mAP of A by reordering, mean of the data sets.\n\n"
         + table(["order", *map(str, LENGTHS)], rows)
     )  # fmt: skip
 
@@ -179,8 +179,8 @@ def search_text(data: dict[str, Shapes]) -> str:
         "all threads",
     ]
     return (
-        "**Search**: what `rigid` finds, over the least that refining all 48 starts by all points finds, and its"
-        " time.\n\n" + table(header, rows)
+        "**Search**: the distance that `rigid` finds, divided by the smallest that is found if all 48 starts are"
+        " refined with all points; and the time that `rigid` takes.\n\n" + table(header, rows)
     )
 
 

@@ -25,28 +25,28 @@ EVERY = {"tosca5k": 1, "shrec07": 4, "shrec11_simplified": 8}
 """Every n-th mesh of a data set is a query, in the order of labels.csv. The gallery has all meshes."""
 
 QUICK = 24
-"""With `--quick`, the gallery and the queries have only every n-th mesh."""
+"""With `--quick`, only every n-th mesh is used, and the queries are chosen from these."""
 
-POSE = "another pose (itself left out)"
+POSE = "another pose (undisturbed query, its own mesh left out)"
 
 INTRODUCTION = f"""\
-Each cell has two rates: how often the nearest shape to a disturbed query is the query's own original, and
-how often it is of the query's class, by `{DEFAULT_MEASURE}`. In brackets: the number of queries, and of all
-shapes. Only the query is disturbed and smoothed. The members of a class of tosca5k and shrec11_simplified
-are poses of one object (the humans of tosca5k are three people), so a measure that is invariant to
-bending cannot prefer the original. The members of a class of shrec07 are different objects. Noise is
-Gaussian in each coordinate; its standard deviation is a share of the bounding box's diagonal. A hole is a
-geodesic disc."""
+Each cell has two rates: how often the nearest shape to a disturbed query is the query's own original,
+and how often it is of the query's class, by `{DEFAULT_MEASURE}`. In brackets in the header: the number
+of queries, and of all shapes. Only the query is disturbed and smoothed. The members of a class of
+tosca5k and shrec11_simplified are poses of one object (the humans of tosca5k are three people), so a
+measure that is invariant to bending cannot prefer the original. The members of a class of shrec07 are
+different objects. Noise is Gaussian in each coordinate; its standard deviation is a share of the
+bounding box's diagonal. A hole is a geodesic disc."""
 
 REASONS = """\
 Reasons for rates below .95. If the class is correct but the original is not the nearest, another pose of
-the same object is nearer than the disturbed original; for this measure, both are one surface. *Another
-pose* of shrec07 is another object. *Noise* is not bending: noise as large as the triangles (1 % of the
-diagonal on meshes of thousands of vertices) multiplies the area, but not the distances by the same
-factor. The report of such a mesh says that it is rough. *Smoothing* removes features smaller than some
-triangles: 30 rounds remove noise from thousands of vertices, but limbs from the 250 vertices of
-shrec11_simplified, where one round is better. *Holes* of 1 % of the faces are as wide as such limbs, and
-make the paths around them longer."""
+the same object is nearer to the disturbed query than the original is; for this measure, the original and
+the other pose are one surface. *Another pose* of shrec07 is another object. *Noise* is not bending:
+noise as large as the triangles (1 % of the diagonal on meshes of thousands of vertices) enlarges the
+area out of proportion to the distances. The report of such a mesh says that it is rough. *Smoothing*
+removes features that are only a few triangles wide: 30 rounds remove noise from thousands of vertices,
+but limbs from the 250 vertices of shrec11_simplified, where one round is better. *Holes* of 1 % of the
+faces are as wide as such limbs, and make the paths around them longer."""
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--worker-kills", type=int, default=100)
     parser.add_argument("--server-kills", type=int, default=50)
     parser.add_argument("--jobs", type=int, default=10_000)
-    parser.add_argument("--shapes", type=int, default=1000, help="shapes added to measure the memory and disk of one")
+    parser.add_argument("--shapes", type=int, default=1000, help="shapes added to measure memory and disk of each")
     parser.add_argument("--disk-seconds", type=float, default=300.0, help="how long uploaders fill the disk")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()

@@ -40,7 +40,10 @@ def as_file(mesh: trimesh.Trimesh, file_type: str) -> bytes:
 
 
 def files(file_type: str) -> st.SearchStrategy[bytes]:
-    """Return few meshes of a format, so that some are sent repeatedly; off has one whose damage only the job finds."""
+    """Generate few different meshes of a format, so that some are sent repeatedly.
+
+    For off, also generate a damaged file, whose damage is found only when its job runs.
+    """
     numbers = st.integers(1, 12)
     whole = (numbers.map(tetrahedron) | numbers.map(ring)).map(lambda mesh: as_file(mesh, file_type))
     return whole | st.just(DAMAGED) if file_type == "off" else whole

@@ -27,7 +27,7 @@ def height_map(slope: float, size: int = 25, seed: int = 0) -> Surface:
 
 @cache
 def cad_models() -> dict[str, Surface]:
-    """Return eleven closed models with vertices only at corners and rims, and so with fans, needles and long strips."""
+    """Return eleven closed models with vertices only at corners, rims and centres of ends: fans, needles, strips."""
     return {
         "box": _prism(np.array([[0, 0], [2, 0], [2, 3], [0, 3.0]]), 4),
         "plate": _prism(np.array([[0, 0], [10, 0], [10, 7], [0, 7.0]]), 0.2),

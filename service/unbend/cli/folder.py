@@ -45,7 +45,9 @@ def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
             rows = csv.DictReader(file)
             missing = {"path", "class"} - set(rows.fieldnames or ())
             if missing:
-                raise ParameterError(f"{csv_path}: the header has no column {min(missing)!r}; it must be CSV in UTF-8")
+                raise ParameterError(
+                    f"{csv_path}: the header has no column {min(missing)!r}; the file must be CSV in UTF-8"
+                )
             files = [_labelled(row, csv_path, rows.line_num, folder) for row in rows]
     except csv.Error as error:
         raise ParameterError(f"{csv_path} is not a CSV file in UTF-8: {error}") from None
@@ -58,7 +60,7 @@ _OBJECTS: Final = ("metadata", "parameters", "policy")
 
 
 def find_meshes(folder: Path, *, label_from_folder: bool = False) -> list[LabelledFile]:
-    """Return the mesh files below `folder` in the order of their names."""
+    """Return the mesh files below `folder` in the order of their paths."""
     extensions = {f".{name}" for name in FORMATS}
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in extensions and path.is_file())
     if not paths:

@@ -1,4 +1,4 @@
-"""The durable queue of a library's jobs: every change is one transaction of the store's writer."""
+"""The durable queue of a library's jobs: every method that changes it submits one change to the store."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class QueueLimits:
     """Limits on the queue, checked by each submission."""
 
     queued: int
-    """Most queued jobs of all senders."""
+    """Largest number of queued jobs of all senders."""
     owned: int | None = None
-    """Most queued and running jobs of the sender's API key; None for no limit."""
+    """Largest number of queued and running jobs of the sender's API key; None for no limit."""
     workers: int = 1
     """Worker processes of the queue, for the advice when to retry."""
 
@@ -53,7 +53,8 @@ class NewJob:
 class Jobs:
     """The queue, states and results of jobs; thread-safe.
 
-    Methods that return a future queue one change for the store's writer: it is on disk when the future has its result.
+    Each method that returns a future submits one change to the store. The change is on disk when the future has its
+    result.
     """
 
     def __init__(self, store: Store) -> None:

@@ -30,7 +30,8 @@ class Field:
     Raises
     ------
     ParameterError
-        If a value is not a number, `low` is above `high`, or `contours` is negative.
+        If `values` is not one-dimensional, the colour map is unknown, `low` or `high` is not a number, `low` is above
+        `high`, or `contours` is negative.
     """
 
     values: Floats
@@ -59,7 +60,7 @@ class Field:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """`low` and `high`, which are known."""
+        """`low` and `high`, which are not None once the field is made."""
         return float(self.low or 0.0), float(self.high or 0.0)
 
 
@@ -156,6 +157,9 @@ Item = SceneMesh | Tube | Sphere
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All that a picture shows, in one space: lengths between 1e-70 and 1e70. An empty scene is a background."""
+    """All that a picture shows, in one coordinate system. Lengths should be between 1e-70 and 1e70.
+
+    The picture of an empty scene is only the background.
+    """
 
     items: tuple[Item, ...]

@@ -43,7 +43,7 @@ def owner_of(request: Request) -> str | None:
 
 
 def may_see(owner: str | None, job: JobRecord) -> bool:
-    """Return whether the owner of jobs may see a job: theirs, or one without an owner; all jobs for None."""
+    """Return whether `owner` may see `job`: its own jobs and those without an owner; None may see every job."""
     return not (owner and job.owner and job.owner != owner)
 
 

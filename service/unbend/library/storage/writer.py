@@ -1,4 +1,4 @@
-"""The thread that runs the changes of a store: waiting changes share a transaction, and one wait for the disk."""
+"""The thread that runs the changes of a store. Waiting changes share a transaction, so they wait for the disk once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 Change = Callable[[Connection], Any]
 
 _MAX_BATCH: Final = 64
-"""Most changes that share a transaction. Other processes that write wait for its end."""
+"""Largest number of changes that share a transaction. Other processes that write wait for its end."""
 
 
 class Transactions(Protocol):
@@ -38,7 +38,7 @@ class Writer:
 
     A change is on disk when its future has a result. A change that raises leaves nothing behind and does not affect the
     others. SQLite rolls a whole transaction back when the disk is full. Each change of that transaction then runs again
-    in a transaction of its own: a change may run twice, so it must have no effect except on the store.
+    in a transaction of its own. A change may run several times, so it must have no effect except on the store.
     """
 
     def __init__(self, transactions: Transactions) -> None:
@@ -80,7 +80,7 @@ class Writer:
                 future.set_exception(outcome.error)
 
     def _write_together(self, changes: Sequence[Change]) -> list[_Outcome] | None:
-        """Run changes in one transaction; None if the database rolled it back, with every change."""
+        """Run changes in one transaction; None if the transaction failed, so that each change must run alone."""
         try:
             return self._transactions.batch(lambda connection: [_attempt(change, connection) for change in changes])
         except Exception as error:  # noqa: BLE001  each change then runs alone, and may raise its own error

@@ -87,7 +87,7 @@ def _helix(p: Floats) -> Floats:
 
 
 def _loop(p: Floats) -> Floats:
-    """Return one and a half turns whose ends pass each other, well apart in z."""
+    """Return one and a half turns about z that also rise in z and drift in y."""
     angle = 2 * math.pi * 1.5 * p
     return np.stack([np.cos(angle), np.sin(angle) + 1.6 * p, 2.2 * p], axis=1)
 

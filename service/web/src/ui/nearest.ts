@@ -7,8 +7,8 @@ import { thumbnail } from "./thumbnail";
 export const MEASURES = [
   ["spectrum", "Spectrum (recommended)"], ["combined", "Combined"], ["moments", "Moments (the paper's)"], ["distribution", "Distribution"],
   ["dimension", "Effective dimension"],
-  ["surface_moments", "Moments of the surface as it stands"], ["rigid", "Best alignment of the forms"], ["hausdorff", "Hausdorff distance"],
-  ["max_hausdorff", "Largest Hausdorff distance"], ["reeb", "Reeb graph"],
+  ["surface_moments", "Moments of the surface as it stands"], ["rigid", "Best alignment of the forms"], ["hausdorff", "Modified Hausdorff distance"],
+  ["max_hausdorff", "Hausdorff distance"], ["reeb", "Reeb graph"],
 ] as const;
 
 /** The measures of vectors: fast enough for a map and an evaluation. */

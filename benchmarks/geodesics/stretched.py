@@ -1,8 +1,8 @@
 """Error, time and memory on stretched meshes, with and without the intrinsic triangulation.
 
-Compares good and stretched meshes, and the heat method of geometry-central, which also runs on an intrinsic Delaunay
-triangulation. Errors are against exact distances. Takes a few minutes. Writes the section "stretched" of
-docs/benchmarks.md; --print only prints.
+Measures good and stretched meshes. The comparison is the heat method of geometry-central, which also runs on an
+intrinsic Delaunay triangulation. Errors are against exact distances. Takes a few minutes. Writes the section
+"stretched" of docs/benchmarks.md; --print only prints.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import numpy as np
 from benchmarks.common import DATA, ROOT, in_turns, table, write_section
 from benchmarks.geodesics.peers import potpourri_heat
 from tests.support.oracles import exact_distances
-from tests.support.stretched_meshes import cad_models, height_map  # that of tests
+from tests.support.stretched_meshes import cad_models, height_map
 from unbend import Surface, read_mesh
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.stencils import Stencils, build_stencils
 
 SOURCES = 8
 TIMED = 32
-"""Smaller meshes are not timed, because a row takes only microseconds."""
 TIMED_VERTICES = 2000
+"""Smaller meshes are not timed, because a row takes only microseconds."""
 
 SLOPES = (1, 3, 10, 30, 100)
 GIVEN, INTRINSIC, HEAT = "given triangles", "intrinsic triangulation", "potpourri3d heat"

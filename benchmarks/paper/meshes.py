@@ -43,7 +43,7 @@ def hands() -> tuple[Surface, Surface]:
 
 
 def _cut(surface: Surface, field: Array, level: float) -> Surface:
-    """Return the part where `field` is below `level`; vertices beyond it move back to it along their edges."""
+    """Return the part where `field` is below `level`; vertices beyond `level` move along their edges to it."""
     faces = surface.faces[(field[surface.faces] < level).any(axis=1)]
     points = surface.vertices.copy()
     for start, end in faces[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2):

@@ -1,8 +1,8 @@
 """The picture of the README: three shapes in two poses each, and their signatures.
 
-Colour and contours are the distance along the surface from one point, the same on each pose. A signature is turned as
-its surface stands, and that of the second pose as that of the first, by points that correspond. Writes
-docs/pictures/signatures.png.
+Colour and contours are the distance along the surface from one point, the same on each pose. The signature of the
+first pose is turned to match its surface. The signature of the second pose is turned to match that of the first, by
+corresponding points. Writes docs/pictures/signatures.png.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ THEME = THEMES["transparent"]
 
 @dataclass(frozen=True)
 class Shown:
-    """Two poses of a shape, the view of them, and the direction in which the first pose's farthest point is chosen."""
+    """Two poses of a shape, their view, and a direction: distances begin at the first pose's farthest point in it."""
 
     poses: tuple[str, str]
     azimuth: float
@@ -48,7 +48,7 @@ SHOWN = (
 
 @dataclass(frozen=True)
 class Pose:
-    """A surface, its form, and the vertex of each point that corresponds."""
+    """A surface, its form, and its vertex at each point that all poses have in common."""
 
     surface: Surface
     form: CanonicalForm
@@ -96,7 +96,7 @@ def _pose(name: str) -> Pose:
 def _drawn(
     places: Sequence[np.ndarray], faces: Sequence[np.ndarray], fields: Sequence[Field], azimuth: float
 ) -> list[Image.Image]:
-    """Return a picture of each place of the vertices, at one scale, cropped to what it shows."""
+    """Return a picture for each array of vertex positions, all at one scale, cropped to what each shows."""
     axes = view_axes(azimuth, 12.0, "z")
     cameras = [fit_camera(points, axes, (CELL, ROW + 2 * MARGIN)) for points in places]
     span = max(camera.span for camera in cameras)

@@ -94,7 +94,7 @@ def agreement() -> str:
 
 
 def sizes() -> str:
-    """Return the stress of least squares at m = 3 over the number of samples; smaller sets start larger ones."""
+    """Return the stress of least squares at m = 3 over the number of samples; larger sets begin with smaller ones."""
     rows = []
     for name in STAND_INS:
         distances = matrix_of(DATA / "single" / STAND_INS[name], max(COUNTS))

@@ -57,7 +57,7 @@ FORMER = WHOLE[-1]
 MOMENTS, DISTRIBUTION = (0.0, 5.0, 10.0, 20.0, 40.0), (0.0, 5.0, 10.0, 20.0, 40.0)
 BLURS = (0.0125, 0.025, 0.05, 0.1, 0.2)
 MIXED = tuple(combinations_with_replacement(range(3), 3))
-"""All third moments along three axes: ten, of which two must go for the paper's fewer than 15 numbers."""
+"""All ten third moments along three axes. Two are left out, because the paper has fewer than 15 numbers."""
 DROPPED = tuple(combinations(range(len(MIXED)), 2))
 USED_MOMENTS = (
     moments_module.BLUR,

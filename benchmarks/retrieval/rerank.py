@@ -27,7 +27,7 @@ from unbend.threads import share_out
 
 LENGTHS = (5, 10, 20)
 EVERY = {"shrec11_simplified": 3, "tosca5k": 1, "shrec07": 1}
-"""Pair measures alone are tried on every n-th class: every third leaves ten classes of SHREC'11."""
+"""Without a short list, pair measures are tried on every n-th class: ten classes of SHREC'11."""
 REFERENCE = Search(kept=48, marker_steps=1, refined=48)
 """A search that refines every start with all points."""
 

@@ -4,7 +4,7 @@
 
 For files of three sizes, prints the milliseconds that the store takes for a query's file, from the upload to the end of
 its job, and for removing a shape. Each is measured three times: as the library deletes, without emptying the log, and
-without overwriting either.
+without either emptying the log or overwriting content.
 """
 
 from __future__ import annotations

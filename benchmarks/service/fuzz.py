@@ -35,7 +35,7 @@ HEADING = "# Reliability\n"
 CONNECTIONS = 4
 BATCH = 250
 WAITING = 200
-"""The next batch is sent when at most this many jobs are unfinished; with a batch, they fit in one list of jobs."""
+"""The next batch is sent when at most this many jobs are unfinished, so that they and a batch fit in one list."""
 LISTED = 500
 LOOK_SECONDS = 0.2
 ENDED = ("succeeded", "failed", "cancelled")

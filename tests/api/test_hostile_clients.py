@@ -31,7 +31,7 @@ HEAD, STALL, TRANSFER = 1.0, 1.0, 3.0
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory) -> Iterator[Server]:
-    """A server with short timeouts that accepts 2 megabytes per upload, and 6 of all requests together."""
+    """A server with short timeouts that accepts 2 megabytes per upload, and 6 in all requests together."""
     folder = tmp_path_factory.mktemp("hostile")
     settings = {"head_seconds": HEAD, "stall_seconds": STALL, "transfer_seconds": TRANSFER}
     sizes = {"max_upload_mb": 2, "max_arriving_mb": 6, "max_waiting": 20}
@@ -337,7 +337,7 @@ def check_is_served(api: httpx.Client, number: int) -> None:
 
 
 def test_ten_thousand_idle_connections_do_not_block_other_clients(tmp_path, all_handles):
-    """A third is silent, a third sends half a head, a third half a body; fewer if the limit on descriptors is low."""
+    """A third sends nothing, a third half a head, a third half a body. A low limit on descriptors lowers the number."""
     count = min(MANY, allowed_handles() * 3 // 4 - 16)
     silent, half = (b"",), (b"GET /v1/livez HTTP/1.1\r\nHost",)
     body = head("POST", "/v1/shapes", FORM, b"Content-Length: 100000"), PART

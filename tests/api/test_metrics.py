@@ -1,4 +1,4 @@
-"""The metrics of jobs and requests at /metrics."""
+"""The metrics of jobs and requests at /v1/metrics."""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ from tests.support.load import Caller, work
 from tests.support.server import Server
 
 MORE_HANDLES = 12
-"""Allowed increase of file descriptors: each of the four callers may open one more connection to the store, which has
-three. 200 jobs of which one in ten leaks a descriptor open more."""
+"""Allowed increase of file descriptors: each of the four callers may open one more connection to the store, and each
+connection has three descriptors. 200 jobs of which one in ten leaks a descriptor open more."""
 MORE_THREADS = 3
 """Allowed increase of threads: threads of the event loop's pool start on demand, as does the eraser of the log."""
 

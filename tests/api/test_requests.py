@@ -29,7 +29,7 @@ def logging_server(tmp_path_factory):
 
 
 def lines(server: Server) -> list[dict]:
-    """Return the log lines, which are JSON objects except for the first greeting."""
+    """Return the log lines, which are JSON objects except for the greeting at the start."""
     return [json.loads(line) for line in server.log.read_text().splitlines() if not line.startswith("unbend: library")]
 
 

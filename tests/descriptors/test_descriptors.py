@@ -125,7 +125,7 @@ def test_a_repeated_point_equals_a_point_of_double_weight():
 
 
 def test_the_spectrum_is_finite_for_isolated_samples_without_weight():
-    """The fuzzer found such a mesh, with a needle over twenty orders of magnitude."""
+    """The fuzzer found such a mesh: a needle whose lengths differ by twenty orders of magnitude."""
     distances = 1e12 * (1.0 - np.eye(6))
     weights = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert np.isfinite(geodesic_spectrum(distances, weights)).all()

@@ -26,8 +26,12 @@ def test_cubics_are_exact_on_the_unit_triangle(powers):
 
 @given(st.lists(st.floats(0, 5), min_size=3, max_size=3))
 def test_cubics_are_exact_with_a_linear_density(density):
-    """The integral of hats l1^a l2^b l3^c is 2 A a! b! c! / (a + b + c + 2)!; a density adds one hat to each."""
-    corners = np.eye(3)  # so that coordinates are the hats themselves
+    """The integral of l1^a l2^b l3^c over a triangle of area A is 2 A a! b! c! / (a + b + c + 2)!.
+
+    Here l1, l2 and l3 are the hat functions of the corners. A linear density is a sum of hat functions, so each of its
+    terms adds one hat function to the product.
+    """
+    corners = np.eye(3)  # so that the coordinates of a point are the values of the hat functions
     area = np.sqrt(3) / 2
     points, weights = surface_quadrature(corners, TRIANGLE, np.array(density) * area / 3)
     for hats in combinations_with_replacement(range(3), 3):

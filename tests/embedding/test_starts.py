@@ -34,7 +34,7 @@ def test_starts_are_near_minima_and_sorted_by_stress(legs, seed):
     found = [stress(points, distances) for points in low_starts(distances, classical)]
     assert 1 <= len(found) <= KEPT
     assert found == sorted(found)
-    # The starts are minima of a few points only, so the full minimum is lower.
+    # The search minimises the stress of a few of the points, so the minimum over all points is lower.
     assert embed(distances).stress <= found[0] < 2 * embed(distances).stress
 
 
@@ -68,5 +68,5 @@ def test_few_real_meshes_end_above_the_minimum_of_random_starts(labelled):
         distances = geodesic_matrix(surface, farthest_point_sampling(surface, 150))
         above.append(embed(distances).stress / embed(distances, starts=6).stress - 1)
     assert len(above) == 40
-    assert np.mean(np.array(above) > 0.005) <= 0.05  # from classical scaling, three meshes end up to 6 % above
+    assert np.mean(np.array(above) > 0.005) <= 0.05  # from classical scaling, three meshes are as much as 6 % above
     assert max(above) < 0.05

@@ -1,4 +1,4 @@
-"""Damaged meshes give correct distances or a typed error: generated, from the crash table, and real ones."""
+"""Damaged meshes give correct distances or a typed error: generated meshes, the crash table, and real meshes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unbend.errors import MeshGeometryError
 from unbend.mesh.shapes import sphere, torus
 
 MEAN = 0.05
-"""Bound of the mean relative error on about 50 vertices; the largest on 20,000 meshes was 0.045."""
+"""Bound of the mean relative error on about 50 vertices; the largest such mean on 20,000 meshes was 0.045."""
 
 
 @pytest.mark.parametrize("surface", [sphere(subdivisions=1), torus(columns=9, rows=6), grid(6, 5, 0.4)])
@@ -28,7 +28,7 @@ def test_the_oracle_for_triangle_soups_equals_exact_geodesics_on_manifolds(surfa
 
 
 def _square_far_from_coincident_vertices(size: float) -> Surface:
-    """Return a square at the origin and four coincident vertices far from it: most edges have length zero."""
+    """Return a square at the origin and four coincident vertices far away; most sides of the faces have length zero."""
     square = size * np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     vertices = np.concatenate([square, np.tile([-0.3, -1.2, -0.2], (4, 1))])
     return Surface(vertices, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [5, 6, 7], [6, 7, 4], [7, 4, 5], [0, 1, 4]])

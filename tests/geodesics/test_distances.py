@@ -14,12 +14,12 @@ from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.shapes import sphere, torus
 
-# Bounds of the mean relative error; those of the planar update are from the best planar prototype known to us.
+# Bounds of the mean relative error. The bounds of the planar update come from the best planar prototype known to us.
 SPHERICAL = 0.005
 PLANAR = {"shrec11_simplified": 0.0262, "faust5k": 0.0155, "tosca5k": 0.0096, "single": 0.0155, "torus": 0.0064}
 
 SINGLE_PRECISION = 1e-6
-"""Bound of accumulated rounding: distances are computed in single precision, which has 6e-8."""
+"""Bound of accumulated rounding: distances are computed in single precision, which rounds by up to 6e-8."""
 
 
 @pytest.mark.parametrize("shear", [0.0, 0.5, 1.5])
@@ -122,7 +122,7 @@ def test_distances_on_crumpled_sheets_respect_edges_and_are_near_exact(seed, sou
     lengths = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
     assert (np.abs(distances[a] - distances[b]) <= lengths + SINGLE_PRECISION * distances.max()).all()
     assert distances[source] == 0
-    # A virtual source assumes a round front, but fronts are not round after they cross a ridge. On such sheets single
+    # A virtual source assumes a round front, but fronts are not round after they cross a ridge. On such sheets some
     # distances have errors of a tenth or more, while the mean error is usually a fraction of a percent.
     exact = exact_distances(surface, np.array([source]))
     assert mean_relative_error(distances[None], exact) < 0.06

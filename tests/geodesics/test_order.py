@@ -12,7 +12,7 @@ from unbend import Surface, farthest_point_sampling, geodesic_distances, read_me
 from unbend.mesh.shapes import sphere, torus
 
 SINGLE_PRECISION = 1e-6
-"""Bound of accumulated rounding: distances are computed in single precision, which has 6e-8."""
+"""Bound of accumulated rounding: distances are computed in single precision, which rounds by up to 6e-8."""
 
 
 def crumpled(rng: np.random.Generator) -> Surface:

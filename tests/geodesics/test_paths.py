@@ -44,7 +44,7 @@ def edge_distance(surface: Surface, source: int, target: int) -> float:
 
 
 def check_path(surface: Surface, source: int, target: int) -> np.ndarray:
-    """Check the properties of every path, and return it."""
+    """Check the properties that every path has, on one path; return the path."""
     path = geodesic_path(surface, source, target)
     extent = np.ptp(surface.vertices[surface.used_vertices], axis=0).max()
     np.testing.assert_array_equal(path[0], surface.vertices[source])

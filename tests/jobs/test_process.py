@@ -135,7 +135,7 @@ def test_a_kill_before_the_call_ends_the_call(worker):
 
 
 def wait_for(path: Path) -> int:
-    """Wait until the test creates a file, so that the test controls when the worker ends."""
+    """Wait until the test creates a file, so that the test controls when the call ends."""
     while not path.exists():
         time.sleep(0.01)
     return os.getpid()

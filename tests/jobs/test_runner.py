@@ -476,7 +476,7 @@ def test_a_job_beyond_its_memory_limit_fails_and_the_next_job_runs(library):
         assert (large.state, large.attempts, large.error["code"]) == ("failed", 1, "job_memory")
         assert (await end(runner, await queue(runner, small_mesh(0)))).state == "succeeded"
 
-    # A worker alone has about 720 MB of addresses; below that, its libraries end the process instead of raising.
+    # An idle worker takes about 720 MB of address space; below that, its libraries end the process instead of raising.
     run_with(library, JobLimits(memory_mb=1000, drain_seconds=0.0), story)
 
 

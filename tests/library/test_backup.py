@@ -170,7 +170,7 @@ def test_a_backup_into_a_missing_folder_is_refused(library, tmp_path):
 
 
 def damaged(path: Path) -> Path:
-    """Overwrite an index of labels, damage that reading all shapes does not reveal."""
+    """Overwrite the index of labels; reading all shapes does not reveal this damage."""
     with closing(sqlite3.connect(path)) as connection:
         (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'ix_shapes_label_seq'").fetchone()
         (size,) = connection.execute("PRAGMA page_size").fetchone()

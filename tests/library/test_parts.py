@@ -104,7 +104,7 @@ def test_local_signatures_are_stored_as_computed_and_removed_with_their_shape(li
     with library.store.read() as connection:
         stored = shape_rows.get_locals(connection, [1])[1]
     fresh = local_signatures(EGG)
-    np.testing.assert_allclose(stored.growth, fresh.growth, atol=1e-3)  # the file has single precision
+    np.testing.assert_allclose(stored.growth, fresh.growth, atol=1e-3)  # the mesh file has single precision
     library.remove(library.page().items[0].id)
     with library.store.read() as connection:
         assert shape_rows.get_locals(connection, [1]) == {}
@@ -133,7 +133,8 @@ def test_a_library_of_an_earlier_version_says_what_is_missing_and_is_completed(t
         ranking = library.rank(one.id, measure="partial")
         assert [match.id for match in ranking.shapes] == [other.id]
         assert ranking.warnings == ()
-        assert library.rank(one.id).warnings == ()  # lengths of boundaries are unknown: no doubt is possible
+        # The library does not know the lengths of boundaries, so no warning about open shapes is possible.
+        assert library.rank(one.id).warnings == ()
         for shape, signature in zip((one, other), before, strict=True):
             np.testing.assert_array_equal(library.signature(shape.id).points, signature.points)
 

@@ -65,7 +65,7 @@ def fresh(tmp_path_factory) -> Path:
 
 
 def reading(old: Path) -> MeshPolicy:
-    """Return the default policy of a library of that revision."""
+    """Return the default policy of the version that wrote the library `old`."""
     return MeshPolicy(seams="stitch" if old.stem >= "0007" else "keep")
 
 

@@ -44,9 +44,9 @@ def test_metrics_of_a_perfect_ranking_are_one_except_e():
 
 
 def test_metrics_of_a_small_ranking_equal_hand_computed_values():
-    # Query 0 ranks b, a, c, a: its two others at ranks 2 and 4. All shapes are equally far from queries 2 and 4, so
-    # they come in the order of the rows: a, b, c, a and a, b, a, c. The classes b and c have one member, so their
-    # queries have no metrics.
+    # Query 0 ranks b, a, c, a: the other members of its class have ranks 2 and 4. All shapes are equally far from
+    # queries 2 and 4, so they come in the order of the rows: a, b, c, a and a, b, a, c. The classes b and c
+    # have one member, so their queries have no metrics.
     distances = np.full((5, 5), 9.0)
     distances[0] = [0, 1, 2, 3, 4]
     metrics = leave_one_out(distances, ["a", "b", "a", "c", "a"])
@@ -71,7 +71,8 @@ def test_precision_and_recall_equal_those_of_the_documented_psbplot_example():
 
 
 def test_precision_at_low_recall_is_averaged_over_large_classes_only():
-    # Queries of "a" have three other members, so their precision starts at recall 1/3; "b" has six, so from 1/6.
+    # A query of "a" has three other members in its class, so its precision starts at recall 1/3. A query of "b" has
+    # six, so its precision starts at recall 1/6.
     labels = ["a"] * 4 + ["b"] * 7
     distances = separate(labels)
     distances[:4] = 0.0  # all queries of "a" rank the shapes in the order of their rows
@@ -155,7 +156,7 @@ def oracle_metrics(relevant):
 
 
 def oracle_precision(relevant):
-    """Return precision by recall in twentieths, from the recall of the first hit on."""
+    """Return the precision at each twentieth of recall, starting at the recall of the first hit."""
     places = [place for place, hit in enumerate(relevant, 1) if hit]
     size = len(places)
     recall = [hits / size for hits in range(1, size + 1)]
@@ -178,7 +179,7 @@ def oracle(distances, queries, gallery, own):
 
 @st.composite
 def trials(draw):
-    """Draw distances with many equal values, classes, and the gallery rows that the queries are, or None."""
+    """Draw distances (many are equal), the classes of queries and gallery, and the rows of the queries or None."""
     gallery = draw(st.lists(st.sampled_from("abc"), min_size=2, max_size=70))
     rows = draw(st.lists(st.integers(0, len(gallery) - 1), min_size=1, max_size=9))
     left_out = draw(st.booleans())

@@ -37,7 +37,7 @@ def test_one_class_or_equal_members_have_no_ratio():
 
 
 def test_log_ratios_equal_hand_computed_values():
-    # In one dimension the classes are around 0 and 10 with variances 1 and 4; with two, their variances are smaller.
+    # In one dimension the classes are around 0 and 10 with variances 1 and 4; in two, both variances are 0.01.
     vectors = np.array([[[-1.0], [-0.1]], [[1.0], [0.1]], [[8.0], [9.9]], [[12.0], [10.1]], [[5.0], [5.0]]])
     found = separation({"some": vectors}, ["a", "a", "b", "b", "alone"])
     assert found.pairs == [("a", "b")]

@@ -36,7 +36,7 @@ def component_count(surface):
 
 
 def links_of(surface):
-    """Return the faces of the links, whose first two corners are the ends of the link."""
+    """Return the face of each link; the first two corners of the face are the ends of the link."""
     return surface.faces[len(surface.faces) - surface.report.links :]
 
 

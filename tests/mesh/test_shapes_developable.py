@@ -30,7 +30,7 @@ def largest_stretch(flat, bent):
 
 
 def assert_second_order(errors):
-    """Check that errors decrease with the square of the cell size; each error belongs to cells of half the size."""
+    """Check that errors decrease with the square of the cell size, which is halved from each error to the next."""
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     assert (orders > 1.8).all(), (errors, orders)
 

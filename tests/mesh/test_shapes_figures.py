@@ -48,7 +48,7 @@ def test_every_pose_is_closed_and_oriented_outward(figures, kind):
 
 @pytest.mark.parametrize("kind", FIGURES)
 def test_the_area_of_a_figure_hardly_depends_on_its_pose(figures, kind):
-    # Over 150 poses of each kind the range was 0.5 to 1.6 percent of the mean.
+    # In 150 poses of each kind, the areas had a range of 0.5 to 1.6 percent of their mean.
     areas = np.array([surface.area for surface in figures[kind]])
     assert np.ptp(areas) / areas.mean() < 0.025
 

@@ -91,7 +91,8 @@ def test_the_largest_distance_is_exact_for_any_initial_guess(seed, kind):
 
 
 def test_faces_of_zero_area_do_not_prevent_simplification():
-    # A quarter of the faces has a middle vertex on one side, which a face without area joins to the neighbour.
+    # A quarter of the faces are split at the midpoint of one side. A face without area joins the two halves of this
+    # side to the whole side of the neighbour.
     flat = sheet(columns=20, rows=20)
     vertices, faces = flat.vertices.tolist(), []
     for number, (a, b, c) in enumerate(flat.faces.tolist()):

@@ -84,7 +84,7 @@ def test_smoothing_restores_the_form_and_the_size_of_a_noisy_sphere(share):
     vertices = noisy(ball, share)
     found = smoothed(vertices, ball.faces, 30)
     before, after = (np.linalg.norm(places, axis=1) for places in (vertices, found.vertices))
-    assert after.std() < before.std() / 3  # the rest has frequencies as low as those of the shape
+    assert after.std() < before.std() / 3  # the remaining noise has frequencies as low as those of the shape
     assert after.mean() == pytest.approx(1, abs=0.01)
     rough = Surface(vertices, ball.faces)
     assert found.area == pytest.approx(ball.area, rel=0.02)
@@ -119,7 +119,8 @@ def test_a_boundary_is_smoothed_independently_of_the_interior():
     even, uneven = (smoothed(vertices, flat.faces, 10).vertices for vertices in (flat.vertices, bumpy))
     np.testing.assert_array_equal(even[rim], uneven[rim])
     assert abs(uneven[~rim] - even[~rim]).max() > 0.01
-    # A boundary vertex midway between its neighbours stays, unless a corner is within the two edges of a round.
+    # A boundary vertex midway between its neighbours stays, unless a corner is at most two edges away: a round has two
+    # steps, and each step uses the neighbours.
     to_corner = np.linalg.norm(flat.vertices[:, None] - corners, axis=2).min(axis=1)
     edge = np.unique(to_corner[rim].round(9))[1:3].max()
     once = smoothed(flat.vertices, flat.faces, 1).vertices

@@ -37,7 +37,7 @@ def soup(vertices, faces):
 
 
 def sides(vertices, faces):
-    """Return a mesh of a box with separate vertices for each side, like from exporters that write normals."""
+    """Return a mesh of a box with separate vertices for each side, as written by exporters that write normals."""
     return cut(vertices, faces, np.arange(len(faces)) // 2)
 
 

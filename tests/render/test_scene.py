@@ -18,7 +18,7 @@ SQUARE = np.array([[0, 1, 2], [0, 2, 3]])
 
 
 def drawn(*items, size=(200, 200), span=2.0, distance=np.inf, theme=CLEAR, threads=None):
-    """The pixels of a view along -z, 100 for a unit of length, as floats from 0 to 1."""
+    """Return the pixels of a view along -z, by default 100 for a unit of length, with values from 0 to 1."""
     camera = Camera(np.eye(3), np.zeros(3), span, distance)
     return render_scene(Scene(items), camera, size, theme, threads=threads) / 255
 
@@ -69,7 +69,7 @@ def test_edges_are_smooth_and_areas_exact():
     assert alpha.sum() == pytest.approx(abs(a[0] * b[1] - a[1] * b[0]) / 2 * 1e4, rel=2e-3)
     between = alpha[(alpha > 0) & (alpha < 1)]
     assert len(between) > 300
-    assert len(np.unique(between)) == 8  # of nine samples
+    assert len(np.unique(between)) == 8  # the shares from 1/9 to 8/9 of nine samples
 
 
 def test_pixels_lie_where_the_camera_says():

@@ -55,17 +55,17 @@ def run(
     key: str | None = None,
     timeout: float = 3600,
 ) -> Report:
-    """Test a server with schemathesis by the document that it serves.
+    """Test a server with schemathesis against the OpenAPI document that the server serves.
 
     Parameters
     ----------
     url : str
     folder : Path
-        Folder of its files.
+        Folder for the files of the run.
     examples : int
-        Number of requests generated for each operation, and of sequences.
+        Number of requests generated for each operation, and number of sequences.
     steps : int
-        Most requests in a sequence.
+        Largest number of requests in a sequence.
     seed : int, optional
         Seed of the generated requests, which are reproducible except for ids from responses; None for a random seed.
     key : str, optional

@@ -32,7 +32,7 @@ NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 def mutant(file_type: str, number: int, seed: int = 0) -> bytes:
-    """Return the damaged file of a format with this number, which is always the same."""
+    """Return the damaged file of a format with this number; the same arguments always give the same file."""
     rng = np.random.default_rng([seed, FORMATS.index(file_type), number])
     files = seeds(file_type)
     data = files[int(rng.integers(len(files)))]

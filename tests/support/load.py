@@ -55,7 +55,7 @@ class Caller:
         Number of the caller, unique in a run.
     seed : int
     most_kept : int, optional
-        Most shapes that the caller keeps in the library; beyond this number, it removes its oldest shape.
+        Largest number of shapes that the caller keeps in the library; beyond it, the caller removes its oldest shape.
     """
 
     def __init__(self, number: int, seed: int, *, mix: dict[str, int] = MIX, most_kept: int | None = None) -> None:
@@ -215,7 +215,7 @@ class Caller:
         self._recent.add(shape_id)
 
     def _find_out(self, http: httpx.Client, shape_id: str) -> None:
-        """Find out whether a shape is gone whose removal was not acknowledged."""
+        """Find out whether a shape is gone; its removal was requested, but not acknowledged."""
         if http.get(f"/v1/shapes/{shape_id}").status_code == httpx.codes.NOT_FOUND:
             self._removed(shape_id)
         self._removing.discard(shape_id)

@@ -45,7 +45,7 @@ def steiner_distances(surface: Surface, sources: np.ndarray, points: int = 8) ->
     """
     places = _unit_places(surface)
     sides, faces = _sides_of_faces(surface)
-    # A node is at an offset from a vertex, because coordinates far from the origin would round its place.
+    # Each node has a vertex and an offset from it, because coordinates far from the origin would round its place.
     share = np.arange(1, points + 1)[:, None] / (points + 1)
     along = (places[sides[:, 1]] - places[sides[:, 0]])[:, None] * share
     near = np.concatenate([places, np.repeat(places[sides[:, 0]], points, axis=0)])
@@ -95,7 +95,7 @@ def soup_distances(surface: Surface, sources: np.ndarray) -> np.ndarray:
 def _unit_places(surface: Surface) -> np.ndarray:
     """Return coordinates in units of the scale, and zero for unused vertices.
 
-    They are not moved to the origin: that would round away parts of the surface far smaller than its extent.
+    The surface is not moved to the origin: that would round away parts far smaller than the extent of the surface.
     """
     places = np.zeros(surface.vertices.shape)
     used = surface.used_vertices
@@ -132,7 +132,7 @@ def _look_around(places, faces, of_faces, starts, order, distances, windows, roo
     """Unfold all strips of triangles from `root`, and lower the distances of vertices visible from it.
 
     A window has a face, the corner opposite its edge, the visible interval of the edge, the position of the source,
-    and the number of triangles so far. In its frame, the edge is on the x axis and starts at its lower vertex.
+    and the number of triangles so far. In its frame, the edge is on the x axis and starts at its end of lower number.
     """
     size = seen = 0
     for face in range(len(faces)):

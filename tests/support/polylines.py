@@ -59,8 +59,8 @@ def path_lengths(mesh: StripMesh, field: np.ndarray, source: int, targets: np.nd
     """Return the lengths of locally shortest paths from a vertex to others, found by descent on its distance field.
 
     The field only decides on which side of each vertex the path passes, so the lengths are much more accurate than the
-    field. The length of a path is never less than the geodesic distance. The length is inf where the field is. If a
-    descent does not reach the source, or its path cannot be shortened, the length is the value of the field.
+    field. The length of a path is never less than the geodesic distance. The length is inf where the field is inf. If
+    a descent does not reach the source, or its path cannot be shortened, the length is the value of the field.
     """
     field, targets = np.array(field), np.asarray(targets, np.int64)
     order = np.argsort(field[targets], kind="stable")  # nearest first, so that later descents use the refined field

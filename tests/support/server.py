@@ -50,17 +50,17 @@ def two_rings(number: int, **grid: int) -> Surface:
 
 
 def medium_mesh() -> bytes:
-    """Return a mesh that takes about a second."""
+    """Return a mesh whose signature takes about a second."""
     return ply(torus(columns=80, rows=60))
 
 
 def slow_mesh() -> bytes:
-    """Return a mesh of less than a megabyte that takes minutes with 3000 samples or more."""
+    """Return a mesh of less than a megabyte whose signature takes minutes with 3000 samples or more."""
     return ply(torus(columns=180, rows=120))
 
 
 def endless_mesh() -> bytes:
-    """Return a mesh that takes minutes with 2000 samples."""
+    """Return a mesh whose signature takes minutes with 2000 samples."""
     return ply(torus(columns=400, rows=250))
 
 
@@ -104,7 +104,7 @@ def without_settings(**settings: str) -> dict[str, str]:
 
 
 class Server:
-    """`unbend serve` on a free port of this machine, ready after its construction."""
+    """`unbend serve` on this machine, by default on a free port and ready after its construction."""
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ from unbend import Surface
 
 
 def height_map(slope: float, size: int = 25, seed: int = 0) -> Surface:
-    """Return a smooth height map of `size` by `size` vertices over the unit square; `slope` is the steepest in x."""
+    """Return a smooth height map of `size` by `size` vertices over the unit square; `slope` is the largest in x."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.linspace(0, 1, size), np.linspace(0, 1, size))
     z = np.zeros_like(x)
@@ -27,7 +27,7 @@ def height_map(slope: float, size: int = 25, seed: int = 0) -> Surface:
 
 @cache
 def cad_models() -> dict[str, Surface]:
-    """Return eleven closed models with vertices only at corners, rims and centres of ends: fans, needles, strips."""
+    """Return eleven closed models of fans, needles and strips; their vertices are at corners, rims and centres only."""
     return {
         "box": _prism(np.array([[0, 0], [2, 0], [2, 3], [0, 3.0]]), 4),
         "plate": _prism(np.array([[0, 0], [10, 0], [10, 7], [0, 7.0]]), 0.2),

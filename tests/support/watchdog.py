@@ -55,12 +55,12 @@ class Stalls:
 
 @contextmanager
 def watchdog(server: Server) -> Iterator[Stalls]:
-    """Request `/v1/livez` a hundred times a second from another process; the results are complete after the block."""
+    """Request `/v1/livez` up to 100 times a second from another process; the results are complete after the block."""
     stalls = Stalls()
     command = [sys.executable, "-c", _PROBE, server.url, str(server.process.pid)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=_ROOT) as probe:
         assert probe.stdout is not None
-        probe.stdout.readline()  # the first includes the connection
+        probe.stdout.readline()  # the first probe includes the time to connect
         try:
             yield stalls
             time.sleep(0.3)  # so that a stall at the end is measured completely

@@ -11,7 +11,7 @@ from unbend.names import DEFAULT_LIBRARY
 @click.command()
 @library_option
 def complete(library: str | None) -> None:
-    """Compute what earlier versions did not: the local signatures of their shapes, by which pieces are recognised."""
+    """Compute the local signatures, by which pieces are recognised, for shapes that earlier versions stored."""
     from unbend.library import Library  # noqa: PLC0415
 
     with Library(library or DEFAULT_LIBRARY) as opened:

@@ -31,7 +31,7 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
 @folder_argument
 @click.option("--labels", required=True, type=_CSV, help="CSV with the columns path (relative to DIR) and class.")
 @click.option("--measure", "measures", multiple=True, help="A measure to evaluate; may be repeated. All by default.")
-@click.option("--gallery", type=_CSV, help="A second CSV with the shapes to compare those of --labels with.")
+@click.option("--gallery", type=_CSV, help="A second CSV: compare the shapes of --labels with the shapes in it.")
 @json_option
 @click.option("--per-class", is_flag=True, help="Add metrics of each class; with --json also confusions and curves.")
 @click.option(

@@ -36,7 +36,7 @@ def keys() -> None:
     help="write includes read; admin includes both, and the jobs of other keys.",
 )
 @click.option("--expires", metavar="WHEN", help="Time of expiry: 90d, 12h, or a date such as 2027-01-31.")
-@click.option("--most-jobs", type=click.IntRange(1), help="Most queued and running jobs of this key.")
+@click.option("--most-jobs", type=click.IntRange(1), help="Maximum number of queued and running jobs of this key.")
 @library_option
 def create(
     name: str, scope: Literal["read", "write", "admin"], expires: str | None, most_jobs: int | None, library: str | None
@@ -78,7 +78,7 @@ def _keys(url: str | None) -> Iterator[Keys]:
 
 
 def _parse_expiry(text: str) -> datetime:
-    """Return the time of `90d`, `12h`, or a date with an optional time; days begin in UTC."""
+    """Return the time of `90d`, `12h`, or a date with an optional time, in UTC unless it has an offset."""
     if found := re.fullmatch(r"(\d{1,5})([dh])", text):
         return datetime.now(UTC) + timedelta(**{"days" if found[2] == "d" else "hours": int(found[1])})
     try:

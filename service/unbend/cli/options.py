@@ -44,7 +44,7 @@ def output_option(description: str, *, required: bool = False) -> Callable[[F], 
 
 
 def _group(name: str, options: dict[str, dict[str, Any]]) -> Callable[[F], F]:
-    """Return a decorator that adds `options`; the command receives those that are given as a mapping named `name`."""
+    """Return a decorator that adds `options`. The command receives the given ones in one mapping named `name`."""
 
     def put(context: click.Context, option: click.Parameter, value: object) -> None:
         given = context.params.setdefault(name, {})

@@ -54,7 +54,7 @@ def query(
     else:
         ranking = _in_library(library or DEFAULT_LIBRARY, mesh, parameters, policy, options)
     click.echo(json.dumps(ranking) if as_json else _table(ranking))
-    if url:  # `compute_file` has printed the warnings of a local signature
+    if url:  # without a service, `compute_file` has printed the warnings
         warn_of(mesh.name, ranking.get("warnings", ()))
 
 
@@ -73,7 +73,7 @@ def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, option
 
 
 def _part(part: Values | None) -> str:
-    """Return what a mesh is to a shape, in words."""
+    """Return in words whether the mesh is a part of a shape, contains the shape, or matches it as a whole."""
     if not part:
         return ""
     words = {"part": "part of it, {:.0%} of its area", "contains": "contains it, {:.0%} of the area", "whole": "whole"}
@@ -87,7 +87,8 @@ def _table(ranking: Values) -> str:
     lines += [f"{row['label']:<24}{row['distance']:>12.4g}{row['confidence']:>12.2f}" for row in ranking["classes"][:5]]
     if ranking["known"] is False:
         lines.append(
-            "farther from the best class than its members are from each other: the mesh may be of no class above"
+            "the mesh is farther from the best class than the members of that class are from each other: "
+            "it may belong to none of these classes"
         )
     lines += ["", f"{'shape':<24}{'distance':>12}  class"]
     lines += [

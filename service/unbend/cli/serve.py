@@ -111,7 +111,8 @@ def _given(context: click.Context) -> dict[str, Any]:
 def _fit_file_descriptors(limits: ConnectionLimits) -> tuple[ConnectionLimits, int]:
     """Raise the limit of file descriptors as far as allowed, and reserve a quarter of them for files and workers.
 
-    Return limits that fit, and a backlog: asyncio accepts that many connections at once, and closes none meanwhile.
+    Return limits that fit, and a backlog: asyncio accepts up to that many connections in one step, and closes none
+    during the step.
     """
     try:
         import resource  # noqa: PLC0415

@@ -55,7 +55,8 @@ def show(
 ) -> None:
     """Draw MESH, its signature, or both, as a picture.
 
-    The parameters of the signature matter only where it is shown. With --dimension, --dimensions is as many by default.
+    The parameters of the signature matter only if the signature is shown. With --dimension N, --dimensions is N by
+    default.
     """
     from unbend.errors import ParameterError, check_choice  # noqa: PLC0415
     from unbend.render.picture import render_picture  # noqa: PLC0415

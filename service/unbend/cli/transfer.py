@@ -47,8 +47,8 @@ def transfer(
 
     VALUES is a csv file without a header, or an npy file, with one row for each vertex of SPECIMEN. Numbers with a
     decimal point are interpolated; whole numbers and words are labels. Each result is a csv file in the folder of
-    --output, named after its target, with one row for each vertex of the target. With --landmarks it has a vertex of
-    the target, counted from 0, for each line of VALUES.
+    --output, named after its target, with one row for each vertex of the target. With --landmarks, each result has
+    instead one vertex of the target, counted from 0, for each line of VALUES.
     """
     from typing import cast  # noqa: PLC0415
 

@@ -10,7 +10,10 @@ from unbend.arrays import Floats, Ints
 
 _OUTER, _INNER = 0.445948490915965, 0.091576213509771
 _RULE: Final[tuple[tuple[float, float], ...]] = ((_OUTER, 0.223381589678011), (_INNER, 0.109951743655322))
-"""A rule of six points and degree 4 (Strang & Fix 1973; Dunavant 1985): a coordinate of two corners, and a weight."""
+"""A rule of six points and degree 4 (Strang & Fix 1973; Dunavant 1985).
+
+Each entry stands for three points: their barycentric coordinate at two of the corners, and their weight.
+"""
 
 _ROUNDING: Final = 1e-14
 """Three points count as a line if the squared sine of their angle is below this, the limit of double precision."""

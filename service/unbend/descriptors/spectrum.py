@@ -74,8 +74,8 @@ def geodesic_spectrum(distances: Floats, weights: Floats, kernels: Sequence[tupl
     Returns
     -------
     (120,) float64
-        60 + 20 + 40 logarithms, falling within each kernel. With fewer samples, missing values are the logarithm of
-        `tolerances.SPECTRUM_FLOOR`.
+        60 + 20 + 40 logarithms for the default kernels, falling within each kernel. With fewer samples, missing values
+        are the logarithm of `tolerances.SPECTRUM_FLOOR`.
     """
     root = np.sqrt(weights)
     return np.concatenate(

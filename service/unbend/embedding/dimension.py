@@ -80,6 +80,6 @@ def effective_dimension(
     2
     """
     if not 0 < error < 1 or most < 1:
-        raise ParameterError(f"error must lie between 0 and 1 and most be at least 1, not {error!r} and {most!r}")
+        raise ParameterError(f"error must lie between 0 and 1, and most must be at least 1, not {error!r} and {most!r}")
     small = np.flatnonzero(representation_errors(distances) <= error)
     return int(min(most, small[0] + 1))

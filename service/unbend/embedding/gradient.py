@@ -16,7 +16,7 @@ _NONE: Final = np.empty((0, 0), np.float32)
 
 
 class StressGradient:
-    """The function that scaling minimises, and its gradient: eq. 7 divided by the sum of squared distances.
+    """The function that scaling minimises, eq. 7 over the sum of squared distances, and half of the gradient of eq. 7.
 
     Parameters
     ----------

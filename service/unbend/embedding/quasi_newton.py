@@ -57,7 +57,7 @@ def minimise(
     floor : float
         The search ends at a value that is not above this one.
     progress : callable, optional
-        Called after each evaluation with their number and the lowest value.
+        Called after each evaluation with the number of evaluations so far and the lowest value.
     """
     point = start
     value, gradient = function(point)

@@ -23,8 +23,8 @@ def weights_for(rule: Weighting, distances: Floats, areas: Floats) -> Floats | N
         "inverse" is 1 / d: short distances count more. "inverse_squared" is 1 / d^2: errors relative to the distance
         count equally (elastic scaling, McGee 1966). "area" makes densely sampled regions count no more than others.
     distances : (n, n) float64
-        Shorter distances than a thousandth of the largest count as a thousandth, because eq. 8 is solved in double
-        precision.
+        Distances below a thousandth of the largest distance are raised to that thousandth, because eq. 8 is solved in
+        double precision.
     areas : (n,) float64
         Area that each sample represents.
 

@@ -78,7 +78,7 @@ def geodesic_matrix(
     -------
     (k, k) float64
         The smaller of the distances in both directions; inf between components. Fast marching is not exactly symmetric,
-        and its distances are mostly too long, so the smaller distance is nearer to the exact one than their mean.
+        and its distances are mostly too long, so the smaller distance is nearer to the exact one than the mean of both.
 
     Examples
     --------

@@ -52,7 +52,7 @@ def raise_to_straight(points, sources, columns, rows):
             dy = points[v, 1] - points[source, 1]
             dz = points[v, 2] - points[source, 2]
             straight = np.sqrt(dx * dx + dy * dy + dz * dz)
-            if straight > rows[row, column]:  # noqa: PLR1730 (not for NaN: vertices that no face uses)
+            if straight > rows[row, column]:  # noqa: PLR1730 (not `max`: unused vertices may have NaN coordinates)
                 rows[row, column] = straight
 
 

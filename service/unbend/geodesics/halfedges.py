@@ -53,7 +53,7 @@ def half_edges_of(surface: Surface, unit: float) -> HalfEdges:
 def typical_length(lengths: Floats) -> float:
     """Return the median length; if it is 0, the median of the positive lengths; if all are 0, 0.
 
-    The mean would not do, because a few long edges raise it far above all others.
+    The mean would not do, because a few long edges raise it far above the lengths of all other edges.
     """
     typical = float(np.median(lengths))
     if typical == 0.0 and lengths.any():

@@ -47,8 +47,8 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
     radius `disc`, in median edges, and planar beyond it. `width` is SLOTS. It is passed as a variable, because the
     compiler would unroll a loop of constant length instead of vectorising it.
 
-    This is one function with separate loops that gather, compute and choose, because calls that pass arrays and
-    unpredictable branches are more expensive than the arithmetic (benchmarks/geodesics/distances.py).
+    This is one function with separate loops that gather, compute and choose. Unpredictable branches, and calls that
+    pass arrays, would take more time than the arithmetic (benchmarks/geodesics/distances.py).
     """
     first, corners, shapes = stencils
     values, queued, following, heads, tails, slots, chosen = front
@@ -118,7 +118,7 @@ def march(stencils, seeds, exact, limit, disc, width, reached, front):
                 chosen[size] = slot
                 size += (slots[A, slot] > new) & (queued[corners[block, A, slot]] == 0)
             near = size
-            late = False  # rare: a vertex was visited before v although v is one of its P
+            late = False  # rare: another vertex was visited before v, although v is the P of one of its slots
             for slot in range(width):
                 late |= (slots[P, slot] > new) & (slots[P, slot] < UNREACHED)
             if late:

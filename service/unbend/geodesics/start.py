@@ -17,11 +17,11 @@ from unbend.geodesics.unfolding import angle, apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import SADDLE, START_EVENTS
 
-_CAPACITY: Final = 16 * START_EVENTS  # most events; a source with more triangles gets no exact distances
-_NEW: Final = 16  # most events that one event creates, if at most eight triangles meet at an edge
+_CAPACITY: Final = 16 * START_EVENTS  # maximum number of events; a source with more triangles gets no exact distances
+_NEW: Final = 16  # maximum number of events that one event creates, if at most eight triangles meet at an edge
 _NEARLY: Final = 1.1  # measured: distances up to this multiple of the radius have smaller errors than marched ones
 _FILTERED: Final = 1.0 - 1e-6  # distances are stored in single precision
-_GRAZING: Final = 1e-6  # a ray hits a vertex if it misses it by less than this share of the distance
+_GRAZING: Final = 1e-6  # a ray that misses a vertex by less than this share of the distance counts as a hit
 _STRAIGHT: Final = np.pi
 _FLAT: Final = 2.0 * np.pi + SADDLE
 
@@ -43,11 +43,12 @@ _EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in th
 
 @kernel
 def start_front(mesh, source, enough, wanted, horizon, value, start):
-    """Set `value` along shortest paths from `source`; return the number of vertices reached, and the exact radius.
+    """Set `value` along shortest paths from `source`; return the number of vertices reached, and a radius.
 
     A *pseudo-source* is a vertex where shortest paths bend. A *window* is a side (A, B) of a triangle, unfolded into
     the plane of the source or of a pseudo-source, and the two rays between which the side is visible from there.
     Windows propagate over every other triangle at their side. The vertices reached are listed in `seeds`.
+    Marching keeps the values below the returned radius, which is `_NEARLY` times the radius of exact distances.
 
     The search ends after `enough` events if it has covered the radius `wanted`, otherwise after three times as many. It
     also ends at the distance `horizon`.

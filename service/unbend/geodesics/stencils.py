@@ -40,7 +40,7 @@ SLOTS: Final = 8
 A, B, P, AX, BX, BY, PX, PY = range(8)  # the rows of a block
 BLOCK_BYTES: Final = 8 * SLOTS * 4
 LINE_BYTES: Final = 64  # size of a cache line
-_MOST_TRIED: Final = 64  # most given triangles around a vertex that are considered for empty slots
+_MOST_TRIED: Final = 64  # maximum number of given triangles around a vertex that are considered for empty slots
 
 
 Triangles = tuple[Ints, Ints, Floats, Ints, Ints, Floats]
@@ -276,8 +276,8 @@ def _slot_of(mesh, half_edge):
     bx, by = 0.0, from_b
     if from_a > 0.0:
         bx, by = apex(from_b, base, from_a)
-    # Three kinds of edges get no P: boundary edges, which no front crosses, edges of zero length, because a front comes
-    # along CA instead, and the far sides of needles, which are too far away to have a direction.
+    # Three kinds of edges get no P: boundary edges, which no front crosses; edges of zero length, because a front comes
+    # along CA instead; and the far sides of needles, which are too far away to have a direction.
     p, px, py = -1, 0.0, 0.0
     if twins[half_edge] >= 0 and base > DEGENERATE_BASE * (from_a + from_b) and base < NEEDLE * min(from_a, from_b):
         if by > 0.0:

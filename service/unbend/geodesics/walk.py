@@ -41,8 +41,9 @@ def walk_faces(faces: Ints, twins: Ints, lengths: Floats) -> tuple[Ints, Bools]:
         The half-edge over which the walk enters each face, in the order of the walk. For a face at which the walk
         starts, its longest half-edge.
     turned : (m,) bool
-        Whether the orientation of that face must be reversed to agree with the face from which the walk entered it,
-        as that face is oriented after its own reversal.
+        Whether the walk reverses the orientation of that face, so that it agrees with the orientation that the walk
+        gave the face from which it came. A face at which the walk starts is oriented so that its
+        second longest side follows its longest.
     """
     levels = _quantized(lengths)
     perimeters = levels.sum(axis=1)

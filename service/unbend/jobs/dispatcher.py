@@ -102,7 +102,7 @@ class Dispatcher:
         await asyncio.gather(*waits, return_exceptions=True)
 
     def stop_now(self) -> None:
-        """Give running jobs no more time in a `stop` under way; safe in any thread."""
+        """Make `stop` wait no longer for running jobs; safe in any thread."""
         if self._loop:
             self._loop.call_soon_threadsafe(self._stop_now.set)
 
@@ -195,7 +195,7 @@ class Dispatcher:
                 return
 
     async def _requeue_unknown(self) -> None:
-        """Requeue jobs that run in the store but not in this server, which alone runs the library's jobs."""
+        """Requeue jobs that the store marks as running but this server, the library's only one, does not run."""
         known = set(self._running)
         with contextlib.suppress(StoreError):
             for job in await self._jobs.running():

@@ -32,23 +32,23 @@ class JobLimits:
     memory_mb: int | None = 8192
     """Address space of a worker, in megabytes; None for no limit."""
     queued: int = 10_000
-    """Most queued jobs."""
+    """Maximum number of queued jobs."""
     attempts: int = 2
-    """Most attempts at a job whose process dies."""
+    """Maximum number of attempts at a job whose process dies."""
     restarts: int = 10
-    """Most restarts of a job whose server dies, because a job may be what kills the server."""
+    """Maximum number of restarts of a job whose server dies. There is a limit, because the job may kill the server."""
     drain_seconds: float = 20.0
     """Longest time for which a stopping server waits for running jobs."""
     call_seconds: float = 60.0
     """Longest time of a call without the queue, including its wait."""
     calls: int = 32
-    """Most waiting and running calls in a lane."""
+    """Maximum number of waiting and running calls in a lane."""
     mesh: MeshLimits = MESH_LIMITS
-    """Most vertices and faces of a mesh."""
+    """Maximum numbers of vertices and faces of a mesh."""
     history: int = 100_000
-    """Most stored jobs that have ended."""
+    """Maximum number of stored jobs that have ended."""
     history_days: float = 0.0
-    """Most days for which an ended job is stored; 0 for no limit."""
+    """Maximum number of days for which an ended job is stored; 0 for no limit."""
 
 
 def limit_process(memory_bytes: int | None) -> None:

@@ -87,7 +87,7 @@ class JobRunner:
             await asyncio.to_thread(pool.stop)
 
     def stop_now(self) -> None:
-        """Give running jobs no more time in a `stop` under way; safe in a signal handler."""
+        """Make `stop` wait no longer for running jobs; safe in a signal handler."""
         self._dispatcher.stop_now()
 
     def end_waits(self) -> None:
@@ -122,7 +122,7 @@ class JobRunner:
         request : ShapeRequest
         sender : Sender, optional
         most_owned : int, optional
-            Most queued and running jobs of the sender's API key.
+            Maximum number of queued and running jobs of the sender's API key.
 
         Raises
         ------
@@ -201,7 +201,7 @@ class JobRunner:
                 job = await self.status(job_id) if changed else self._live(job)
 
     async def follow_all(self) -> AsyncIterator[JobRecord | None]:
-        """Yield all unfinished jobs, at most 500, then each job that progresses or changes its state.
+        """Yield the unfinished jobs, at most 500 in each state, then each job that progresses or changes its state.
 
         A job is yielded at most four times a second. None is yielded after a few seconds without a change. The
         iterator ends when the server stops.
@@ -259,7 +259,7 @@ class JobRunner:
         return await self._jobs.file(job)
 
     async def delete_ended(self, before: datetime, owner: str | None = None) -> int:
-        """Delete the jobs, or those of one API key, that ended before an instant; return their number."""
+        """Delete the jobs of one API key, or of all callers, that ended before an instant; return their number."""
         return await self._dispatcher.delete_ended(before=before, owner=owner)
 
     async def cancel(self, job_id: str) -> JobRecord:

@@ -56,7 +56,10 @@ class JobFeed:
         self._event.set()
 
     async def wait(self, seconds: float) -> list[str]:
-        """Wait up to `seconds` for a change; return the ids of jobs that changed since the last call, oldest first."""
+        """Wait up to `seconds` for a change; return the ids of jobs that changed since the last call.
+
+        The ids are in the order in which the jobs first changed.
+        """
         await _wait(self._event, seconds)
         changed = list(self._changed)
         self._changed.clear()
@@ -98,7 +101,7 @@ class Subscriptions:
     def report(self, job_id: str, progress: Progress) -> None:
         """Keep the latest progress of a job, and notify its subscribers; safe in any thread."""
         self._progress[job_id] = progress
-        # A copy, because the event loop may change the set meanwhile. Waking the loop without need would cost more.
+        # A copy, because the event loop may change the set meanwhile. Waking the loop for nobody would cost more.
         heard = self._feeds or any(each.to_progress for each in tuple(self._subscribers.get(job_id, ())))
         if self._loop and heard:
             self._loop.call_soon_threadsafe(self._notify, job_id, False)

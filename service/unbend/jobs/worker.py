@@ -169,7 +169,7 @@ def geodesic_floats(mesh: StoredMesh, update: Update, source: int) -> bytes:
 def viewer_file_of(
     data: bytes, file_type: str, parameters: Parameters, policy: MeshPolicy, limits: MeshLimits, most_faces: int
 ) -> bytes:
-    """Return a file that is not stored, and its signature, as one glb file for viewers.
+    """Return the mesh of a file that is not in the library, and its signature, as one glb file for viewers.
 
     Raises
     ------

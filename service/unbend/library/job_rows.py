@@ -35,7 +35,7 @@ Its process died, its server died, its server stops, or somebody removed the kno
 """
 
 _BATCH: Final = 500
-"""Most jobs that one transaction deletes, so that other writers wait only briefly."""
+"""Largest number of jobs that one transaction deletes. It is small, so that other writers wait only briefly."""
 
 _SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
 
@@ -113,7 +113,7 @@ def enqueue(
     sender: Sender = ANONYMOUS,
     shape_id: str | None = None,
 ) -> JobRecord:
-    """Append a job whose mesh is stored already; `shape_id` is the shape of which a job makes a file."""
+    """Append a job whose mesh is stored already; `shape_id` is the shape from which a "file" job makes its file."""
     row = connection.execute(
         _ENQUEUE,
         {
@@ -260,7 +260,7 @@ def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
 def requeue(connection: Connection, job_id: str, *, cause: Cause) -> None:
     """Return a running job to its old place in the queue.
 
-    Its attempt counts only if its worker died. Its restart counts only if its server died.
+    The attempt counts only if the job's worker died. A restart is counted only if the job's server died.
     """
     values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
     if cause != "worker lost":

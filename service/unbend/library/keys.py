@@ -44,7 +44,10 @@ _FIND = select(*_COLUMNS, api_keys.c.sha256).where(
     api_keys.c.id == bindparam("key_id"), api_keys.c.revoked_at.is_(None)
 )
 _ANY = select(exists().where(api_keys.c.revoked_at.is_(None)))
-"""Whether a key is not revoked. Expired keys count: a library must not become open because its last key expired."""
+"""Whether the library has a key that is not revoked.
+
+Expired keys count: a library must not become open because its last key expired.
+"""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class KeyRecord:
     expires_at: datetime | None = None
     """Time from which the key is refused; None for never."""
     most_jobs: int | None = None
-    """Most queued and running jobs of this key; None for no limit."""
+    """Largest number of queued and running jobs of this key; None for no limit."""
 
     @property
     def is_expired(self) -> bool:

@@ -13,11 +13,11 @@ MAX_METADATA_BYTES: Final = 2**15
 """Size limit of metadata as JSON in UTF-8."""
 MAX_METADATA_DEPTH: Final = 16
 MAX_METADATA_KEYS: Final = 1000
-"""Most members of all objects and lists together."""
+"""Largest number of members of all objects and lists together."""
 
 
 def check_changes(changes: Mapping[str, Any]) -> None:
-    """Check some of a shape's name, label and metadata.
+    """Check new values of a shape's name, label or metadata.
 
     Raises
     ------

@@ -63,7 +63,8 @@ def pack_signature(signature: Signature) -> bytes:
 def pack_local(local: LocalSignatures) -> bytes:
     """Return local signatures as an npz file of about 60 kB.
 
-    Distances above the diagonal are counts of the 255 steps to which they are rounded.
+    The file has only the distances above the diagonal. Each is rounded to a whole number of steps. The
+    largest distance is 255 steps.
     """
     step = float(local.distances.max(initial=0.0)) / STEPS
     above = local.distances[np.triu_indices(len(local), 1)]

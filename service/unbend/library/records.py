@@ -78,7 +78,7 @@ class ShapeMatch:
     label: str | None
     distance: float
     part: Mapping[str, Any] | None = None
-    """What the query is to the shape, under a measure of parts: see `Comparison.as_dict`."""
+    """How the query relates to the shape, under a measure of parts: see `Comparison.as_dict`."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the match as JSON values."""

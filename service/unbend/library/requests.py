@@ -30,7 +30,7 @@ RANKING_MEASURES: Final = (*MEASURES, *PART_MEASURES)
 """The measures by which queries rank shapes."""
 
 MAX_PAIRS: Final = 100
-"""Most shapes in a ranking by a measure of whole shapes, because each comparison takes milliseconds."""
+"""Largest number of shapes in a ranking by a measure of whole shapes: each comparison takes milliseconds."""
 
 JobKind = Literal["shape", "query", "file"]
 """An upload, a query, or the making of a file from a stored shape."""

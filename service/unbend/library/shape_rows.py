@@ -281,7 +281,7 @@ def list_shapes(
     cursor: str | None,
     limit: int,
 ) -> ShapePage:
-    """Return up to `limit` shapes after `cursor`, in the order they were added, or against it."""
+    """Return up to `limit` shapes after `cursor`, in the order they were added, or in reverse."""
     place = shapes.c.seq if order == "oldest" else shapes.c.seq.desc()
     query = select(*_COLUMNS).select_from(_JOINED).order_by(place).limit(min(limit, MAX_PAGE) + 1)
     if name is not None:

@@ -54,7 +54,7 @@ class Shapes:
         cursor: str | None = None,
         limit: int = 100,
     ) -> ShapePage:
-        """Return up to `limit` (at most 500) shapes after `cursor`, in the order of adding.
+        """Return up to `limit` (at most 500) shapes after `cursor`, in the order of adding or in reverse.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Shapes:
         return self._store.change(partial(shape_rows.update_known, shape=shape, request=request))
 
     def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:
-        """Set some of a shape's name, label and metadata, and return it.
+        """Set some of a shape's name, label and metadata, and return the shape.
 
         Raises
         ------
@@ -142,7 +142,10 @@ class Shapes:
         return await asyncio.wrap_future(self._store.submit(change))
 
     def remove(self, shape_id: str) -> None:
-        """Remove a shape, its signature, descriptors and file; NotFoundError if there is no such shape."""
+        """Remove a shape, its signature and descriptors, and its file unless something else needs it.
+
+        Raises NotFoundError if there is no such shape.
+        """
         self._store.change(partial(shape_rows.remove_shape, shape_id=shape_id))
 
     async def remove_async(self, shape_id: str, expected: Collection[int] | None) -> None:

@@ -1,8 +1,9 @@
 """Rankings of query jobs, stored as references to shapes and classes.
 
-A stored ranking contains the seq and distance of each shape, under measures of parts also what the query is to it, and
-the row in `labels` of each class. Reading it fills in names and labels. A removed shape or class therefore disappears
-from all rankings without a search through history.
+A stored ranking contains the seq and distance of each shape. Under a measure of parts it also contains how the query
+relates to each shape. For each class it contains the row in `labels`, the distance and the confidence. Reading a
+ranking fills in names and labels. A removed shape or class therefore disappears from all rankings without a search
+through history.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from unbend.library.storage.schema import labels, shapes
 T = TypeVar("T")
 
 _BATCH: Final = 500
-"""Most values in one statement."""
+"""Largest number of values in one statement."""
 
 
 def pack_ranking(connection: Connection, ranking: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -81,7 +82,7 @@ def is_packed(stored: Any) -> bool:
 
 def _is_match(value: Any, kinds: tuple[type, ...]) -> bool:
     if isinstance(value, list) and len(kinds) == 2 and len(value) == 3 and isinstance(value[2], dict):
-        value = value[:2]  # the third is what the query is to the shape
+        value = value[:2]  # the third is how the query relates to the shape
     return (
         isinstance(value, list)
         and len(value) == len(kinds)

@@ -15,7 +15,10 @@ from unbend.embedding.stress import stress
 from unbend.matching.measures import VectorMeasure
 
 MAX_LANDMARKS: Final = 2000
-"""Most shapes that are embedded by all distances between them. Further shapes are placed by distances to these."""
+"""Largest number of landmarks, which are the shapes embedded by all distances between them.
+
+Further shapes are placed by their distances to some landmarks.
+"""
 
 _ANCHORS: Final = 200
 """Number of landmarks by whose distances a further shape is placed."""
@@ -28,7 +31,7 @@ class ClassMap:
     points: Floats
     """(n, m)."""
     stress: float
-    """Eq. 2 of the landmarks. It is 0 if the map is exact."""
+    """Stress of the landmarks (eq. 2 of the paper). It is 0 if the map is exact."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))

@@ -12,7 +12,10 @@ from unbend.jit import summing
 from unbend.threads import check_threads, share_out
 
 _SINGLE_THREAD_MAX: Final = 1 << 22
-"""Most numbers for which a single thread is faster, because threads take time to start: about a millisecond of work."""
+"""Largest number of values for which a single thread is faster, because threads take time to start.
+
+One thread needs about a millisecond for so many values.
+"""
 
 
 def scan(query: Singles, gallery: Singles, threads: int | None = None) -> Floats:

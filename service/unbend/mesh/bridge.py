@@ -14,7 +14,7 @@ from unbend.mesh.boxes import LEAF, box_distance, build_boxes, push_children, un
 from unbend.mesh.components import face_components, join, root
 from unbend.mesh.surface import Surface
 
-_MOST_NEIGHBOURS: Final = 128  # most neighbours that are tried as a link's third corner
+_MOST_NEIGHBOURS: Final = 128  # largest number of neighbours of a link's end that are tried as a third corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def bridge(surface: Surface) -> Bridges:
 
 
 def shortest_links(points: Floats, labels: Ints, count: int) -> Indices:
-    """Return pairs of `points` (n, 3) that join `count` sets, labelled 0 .. count - 1, to one set, (count - 1, 2).
+    """Return pairs of `points` (n, 3) that join `count` sets, labelled 0 .. count - 1, into one set, (count - 1, 2).
 
     The pairs are a minimum spanning tree (Borůvka). In each round every set except the largest takes its shortest link
     to another set, which about halves the number of sets.
@@ -70,7 +70,7 @@ def shortest_links(points: Floats, labels: Ints, count: int) -> Indices:
 def _shortest_outgoing(
     points: Floats, labels: Ints, lower: Floats, upper: Floats, uniform: Ints, count: int, largest: int
 ) -> Indices:
-    """Return for each set its nearest pair (own point, point of another set), (count, 2)."""
+    """Return for each set except `largest` its nearest pair (own point, point of another set), (count, 2)."""
     best = np.full(count, np.inf)
     pairs = np.zeros((count, 2), np.int64)
     stack = np.empty(64, np.int64)

@@ -18,7 +18,7 @@ class Census:
 
     boundary_edges: int
     boundary_loops: int
-    """Loops of boundary edges, around holes or the whole surface. A loop does not change from one fan to another."""
+    """Loops of boundary edges, around holes or the whole surface. At each vertex a loop stays in one fan."""
     nonmanifold_edges: int
     nonmanifold_vertices: int
     """Vertices where several fans meet. A fan is a set of faces at a vertex that are connected across edges."""

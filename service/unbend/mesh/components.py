@@ -23,7 +23,7 @@ def face_components(faces: Ints, vertex_count: int) -> tuple[int, Ints]:
 
 
 def largest_component(surface: Surface) -> tuple[Ints, int, float]:
-    """Return the faces of the component of largest area, the number of components, and its share of the area."""
+    """Return the faces of the component of largest area, the number of components, and that component's area share."""
     count, component = face_components(surface.faces, len(surface.vertices))
     if count == 1:
         return surface.faces, 1, 1.0

@@ -71,11 +71,11 @@ class Joins:
 def joins_between(surface: Surface, rims: Rims, places: Ints, *, soup: bool, misoriented: bool) -> Joins:
     """Return the pairs of `rims` to join; `places` has the place of each vertex, (n,) int32.
 
-    Half-edges are at one place if their ends are. Two half-edges at a place are a pair if their directions are
-    opposite. With `misoriented`, or in a `soup`, in which no two faces share an edge, any directions are allowed. Three
-    or more half-edges are paired around the edge, so that each pair bounds the solid between its faces; one may stay
-    alone. In a soup, all half-edges at a place are joined if more run in one direction than in the other. Coincident
-    faces are never joined.
+    Half-edges are at one place if their ends have the same two places. Two half-edges at a place are a pair if their
+    directions are opposite. With `misoriented`, or in a `soup`, in which no two faces share an edge, any directions are
+    allowed. Three or more half-edges are paired around the edge, so that each pair bounds the solid between its faces;
+    one may stay alone. In a soup, all half-edges at a place are joined if more run in one direction than in the other.
+    Coincident faces are never joined.
     """
     tails, heads = places[rims.tail], places[rims.head]
     order = _sorted_by(np.maximum(tails, heads), np.arange(len(rims), dtype=np.int32), len(places))
@@ -169,7 +169,7 @@ def _chained(order: Ints, starts: Ints, counts: Ints) -> Ints:
 
 
 def _paired_around(surface: Surface, rims: Rims, places: Ints, order: Ints, starts: Ints, counts: Ints) -> Ints:
-    """Pair the members of balanced groups around their edges, (k, 2) int32."""
+    """Pair the members of each group by the angles of their faces around the edge, (k, 2) int32."""
     if len(starts) == 0:
         return np.empty((0, 2), np.int32)
     group = np.repeat(np.arange(len(counts)), counts)

@@ -33,11 +33,11 @@ def repair(
 ) -> Surface:
     """Return the surface of raw `vertices` (n, 3) and `faces` (m, 3).
 
-    Faces with a coordinate that is not finite, with a repeated vertex, or equal to another face are dropped. `policy`
-    determines the treatment of seams, further components, noise and large meshes. Vertices keep their indices unless
-    seams are joined or the mesh is simplified; `vertex_map` then maps them. Only smoothing and simplification move
-    vertices, except that joined copies of a vertex take the coordinates of the first copy. `notes` are the reader's
-    sentences for the report.
+    Faces with a coordinate that is not finite, with a repeated vertex, or equal to an earlier face are dropped.
+    `policy` determines the treatment of seams, further components, noise and large meshes. Vertices keep their indices
+    unless seams are joined or the mesh is simplified; `vertex_map` then maps them. Only smoothing and simplification
+    move vertices, except that joined copies of a vertex take the coordinates of the first copy. `notes` are the
+    reader's sentences for the report.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def _loss(count: int, share: float, policy: MeshPolicy) -> str:
 
 
 def _smoothed(surface: Surface, rounds: int) -> Surface:
-    """Smooth `surface` if the policy says so; otherwise warn if it is rough."""
+    """Smooth `surface` if the policy says so; otherwise add a note to the report if the surface is rough."""
     rough = roughness(surface)
     report = surface.report.adding(roughness=rough)
     if rounds == 0:

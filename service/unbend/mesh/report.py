@@ -27,7 +27,7 @@ class MeshReport:
     isolated_vertices: int = 0
     notes: tuple[str, ...] = ()
     nonfinite_vertices: int = 0
-    """Vertices of faces with a coordinate that is NaN or infinite."""
+    """Vertices that a face uses and that have a NaN or infinite coordinate."""
     nonfinite_faces: int = 0
     """Faces that use such a vertex; dropped."""
     zero_area_faces: int = 0

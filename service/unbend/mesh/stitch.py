@@ -37,7 +37,7 @@ class _InvalidEdges:
 
 
 def stitched(surface: Surface, places: Ints) -> Surface:
-    """Join boundary edges of `surface` whose ends coincide, in pairs, and so the copies of their vertices.
+    """Join pairs of boundary edges of `surface` whose ends coincide, and merge the copies of their vertices.
 
     `places` has for each vertex the first vertex with the same coordinates, (n,) int32. First, edges of opposite
     directions with equal ends are joined, then edges of opposite directions whose ends differ in the last digits, and

@@ -10,13 +10,14 @@ from scipy.spatial import cKDTree
 from unbend.arrays import Floats, Indices, Ints
 
 _CANDIDATES: Final = 12  # faces with the nearest centres
-_AROUND: Final = 32  # most faces around a vertex
+_AROUND: Final = 32  # largest number of faces that are taken around a vertex
 
 
 def carry(vertices: Floats, faces: Ints, points: Floats, form: Floats) -> Floats:
     """Return where `points` (p, 3) on a surface are on its form, (p, 3).
 
-    Each point is given to the face, of those around the nearest vertices and centres, that it is nearest to.
+    Each point belongs to the nearest of some faces: those with the nearest centres, and those around the two nearest
+    vertices.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def carry(vertices: Floats, faces: Ints, points: Floats, form: Floats) -> Floats
 
 
 def _faces_near(vertices: Floats, faces: Ints, points: Floats) -> Indices:
-    """Return candidate faces for each point, (p, k): those with the nearest centres, and those around two vertices."""
+    """Return candidate faces for each point, (p, k): by the nearest centres, and around the two nearest vertices."""
     centres = vertices[faces].mean(axis=1)
     by_centre = cKDTree(centres).query(points, min(_CANDIDATES, len(centres)))[1].reshape(len(points), -1)
     used = np.unique(faces)
@@ -51,7 +52,7 @@ def _faces_near(vertices: Floats, faces: Ints, points: Floats) -> Indices:
 
 
 def _shares(corners: Floats, points: Floats) -> Floats:
-    """Return the barycentric coordinates of the points' feet on triangles (..., 3, 3), moved inside, (..., 3)."""
+    """Return the barycentric coordinates of points projected onto triangles (..., 3, 3), moved inside, (..., 3)."""
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     apart = points - corners[..., 0, :]
     uu, uv, vv = (first * first).sum(-1), (first * second).sum(-1), (second * second).sum(-1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from unbend.jit import inlined, kernel
 from unbend.render.colours import to_srgb
 
-_ENTRIES: Final = 2**14  # so many that the steepest part of sRGB, at black, is right to a fifth of a byte
+_ENTRIES: Final = 2**14  # so many that a step at black, where sRGB is steepest, is about a fifth of the unit of a byte
 
 
 def srgb_bytes() -> NDArray[np.uint8]:
@@ -26,7 +26,7 @@ def _place(light):
 
 @kernel
 def compose(first, stop, picture, light, background, transparent, codes, pixels):
-    """Fill rows of `pixels` (h, w, 4) uint8: `picture` (h, w, 4) in the share `light` (h, w), over a background."""
+    """Fill rows of `pixels` (h, w, 4) uint8: `picture` (h, w, 4) times `light` (h, w), over a background."""
     for row in range(first, stop):
         for column in range(picture.shape[1]):
             cover = min(picture[row, column, 3], np.float32(1.0))

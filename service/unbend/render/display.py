@@ -18,7 +18,7 @@ from unbend.signature.canonical_form import CanonicalForm, canonical_form
 from unbend.signature.signature import Signature
 
 MOST_FACES: Final = 60_000
-"""Most faces of a view by default: enough for a screen, and seconds of computing."""
+"""Number of faces above which a view is simplified, by default: enough for a screen, and computed in seconds."""
 
 _SHOWN_DIMENSIONS: Final = 6
 
@@ -36,7 +36,7 @@ class Display:
     dimensions: int
     """Dimensions of the signature."""
     numbers: Indices
-    """The vertex of the file at each of its vertices, (k,)."""
+    """For each vertex here, its number in the file, (k,)."""
     centre: Floats
     """The point of the file that is the origin here, (3,)."""
     up: Literal["y", "z"]
@@ -85,10 +85,10 @@ def display(surface: Surface, signature: Signature, most_faces: int = MOST_FACES
 
 
 def simplified_form(surface: Surface, signature: Signature, most_faces: int) -> tuple[Surface, CanonicalForm, Indices]:
-    """Return a surface of about `most_faces` faces, its canonical form, and the vertex of `surface` at each of its own.
+    """Return `surface` simplified to about `most_faces` faces, its canonical form, and the old vertex at each new one.
 
     The canonical form is that of the simplified surface: simplification hardly changes geodesic distances, and the
-    cost does not grow with the size of the scan.
+    cost of the form does not grow with the size of `surface`.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _simplified(surface: Surface, most_faces: int) -> tuple[Surface, Indices]:
     away = ((surface.vertices[merged] - found.vertices[into]) ** 2).sum(axis=1)
     nearest = np.lexsort((away, into))  # by new vertex, the nearest old vertex first
     chosen = merged[nearest][np.searchsorted(into[nearest], np.arange(len(found.vertices)))]
-    # At vertices of the file, so that the distances and paths of the file begin and end there.
+    # New vertices take the places of old vertices, so that distances and paths on `surface` begin and end there.
     return Surface(surface.vertices[chosen], found.faces), chosen
 
 

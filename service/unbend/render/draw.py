@@ -47,7 +47,7 @@ def render_scene(
     size : (int, int)
         Width and height in pixels, 16 to 2048 each.
     theme : Theme
-        Its background and contours.
+        Its colours of the background, of contours and of unknown values are used.
     threads : int, optional
         All cores by default. The result does not depend on it.
 

@@ -17,7 +17,7 @@ _DIRECTIONS: Final = 6  # and as many opposite ones
 _STEPS: Final = 4  # along each
 _PATTERN: Final = 4  # the directions of pixels repeat after this many rows and columns
 _LOWEST: Final = -0.9  # sine of the horizon where nothing is
-_MOST: Final = 1.6  # of two opposite horizons together
+_MOST: Final = 1.6  # largest sum of two opposite horizons that counts
 
 
 def places_around(reach: float) -> tuple[Ints, Floats]:
@@ -89,7 +89,7 @@ def darken(first, stop, depth, coverage, per_length, reach, places, lengths, lig
 
 @kernel
 def smooth(first, stop, depth, coverage, per_length, light, smoothed):
-    """Fill rows of `smoothed` (h, w): the mean of `light` over the 4 x 4 pixels of its pattern, on one surface each."""
+    """Fill rows of `smoothed` (h, w): the mean of `light` over 4 x 4 pixels, without pixels at other depths."""
     height, width = depth.shape
     for row in range(first, stop):
         for column in range(width):

@@ -34,7 +34,7 @@ GAP: Final = 0.12
 TUBE_RADIUS: Final = 0.008
 """Radius of a path, as a share of the diagonal of the box around the surface."""
 
-_LIFT: Final = 0.3  # of the radius, by which a path lies above the surface
+_LIFT: Final = 0.3  # height of a path above the surface, as a share of the path's radius
 _MARKER: Final = 2.2  # radius of a marker, in radii of a path
 _WEBP_QUALITY: Final = 90
 
@@ -137,7 +137,7 @@ class _Content:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """The places of the vertices, as itself or as its form, and the path there, in the same units."""
+    """The places of the vertices on the surface or on its form, their colour, and the path there, in the same units."""
 
     points: Floats
     colour: Colour

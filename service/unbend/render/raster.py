@@ -17,7 +17,7 @@ BAND: Final = 8
 """Rows of pixels in a band. Each band has its own list of faces and is drawn by one thread."""
 
 _NEAREST: Final = 1e-3  # faces with a corner nearer to the eye than this share of its distance are not drawn
-_SLACK: Final = 1e-9  # of an edge function, so that no sample falls between two faces
+_SLACK: Final = 1e-9  # allowed error of a corner's share, so that no sample falls between two faces
 
 # Directions towards the lights in the camera's axes, and their strengths: the sum is near 1 on what faces the viewer.
 _KEY: Final = (-0.44, 0.62, 0.65)
@@ -37,8 +37,8 @@ _INK: Final = 0.72  # how much of a contour's colour covers the surface
 def project(points, axes, centre, factor, closeness, width, height, seen):
     """Fill `seen` (n, 4): x and y in samples, the depth, which grows towards the eye, and its divisor.
 
-    All of these are linear on the picture of a triangle, but the divisor, whose inverse is. The divisor is NaN at
-    points behind the eye.
+    On the picture of a triangle, x, y, the depth and the inverse of the divisor are linear. The divisor is NaN at
+    points behind the eye or too near to it.
     """
     for point in range(len(points)):
         x, y, z = points[point, 0] - centre[0], points[point, 1] - centre[1], points[point, 2] - centre[2]
@@ -147,7 +147,7 @@ def _gloss(nx, ny, nz):
 
 @inlined
 def _weights(x, y, ax, ay, bx, by, cx, cy, divisor_a, divisor_b, divisor_c):
-    """Return the shares of a triangle's corners at a sample, on the triangle itself, and none below 0."""
+    """Return the shares of a triangle's corners at a sample, corrected for perspective, and none below 0."""
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     share_b = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
     share_c = ((y - ay) * (bx - ax) - (x - ax) * (by - ay)) / area
@@ -159,7 +159,7 @@ def _weights(x, y, ax, ay, bx, by, cx, cy, divisor_a, divisor_b, divisor_c):
 
 @inlined
 def _on_contour(value, low, high, steps, slope, half):
-    """Say whether a value lies within `half` of a contour between `low` and `high`, in lengths along the surface."""
+    """Return whether a contour between `low` and `high` is less than `half` away from a value, along the surface."""
     step = (high - low) / steps
     number = np.floor((value - low) / step + 0.5)
     return slope > 0 and 1 <= number < steps and abs(value - low - number * step) < half * slope
@@ -173,7 +173,8 @@ def draw_bands(
     """Fill rows of `picture` (h, w, 4), linear light times coverage and the coverage, and of `surface_depth` (h, w).
 
     A face is shaded once in each pixel, in the middle of its samples there; contours are found at each sample.
-    `item_of` gives each face its item; `bounds` (items, 2) and `steps` (items,) are of fields, -1 steps for none.
+    `item_of` gives each face its item. `bounds` (items, 2) and `steps` (items,) describe the field of each item. Steps
+    are -1 without a field.
     """
     height, width = surface_depth.shape
     rows, columns = BAND * SAMPLES, width * SAMPLES
@@ -195,7 +196,7 @@ def draw_bands(
                     count, x, y, deepest = 0, 0.0, 0.0, -np.inf
                     for other in range(sample, _SQUARE):
                         if here[other] == face:
-                            here[other] = -2 - face  # seen, and still known
+                            here[other] = -2 - face  # marks the sample as done, and still tells its face
                             count += 1
                             x += column + other % SAMPLES + 0.5
                             y += row + other // SAMPLES + 0.5 + top

@@ -34,12 +34,12 @@ class PictureRequest(JsonObject):
         Pixels, 16 to 2048.
     format : {"png", "webp"}, default "png"
     subject : {"surface", "signature", "both"}, default "surface"
-        The surface, its signature (the canonical form of every vertex, turned as the surface stands), or the one beside
-        the other at the same scale.
+        The surface, its signature (the canonical form of every vertex, turned as the surface stands), or both side
+        by side at the same scale.
     theme : {"light", "dark", "transparent"}, default "light"
     azimuth : float, optional
         Degrees by which the eye is turned around the upright axis from the front of the surface to its right, -360 to
-        360. By default 35 or 55: three quarters of the broader side.
+        360. By default 35 or 55: a three-quarter view of the broader side.
     elevation : float, default 14
         Degrees of the eye above the horizon, -90 to 90.
     up : {"auto", "x", "y", "z"}, default "auto"

@@ -25,7 +25,8 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     file_type : str
         "ply", "obj", "off" or "glb": the signature surface in its first three dimensions. Missing dimensions are zero.
         The fourth to sixth dimension, if any, become colours of the vertices (`coordinate_colours`).
-        "json" or "npz": points, faces, samples, weights, descriptors, scale and stress. JSON also has all other fields.
+        "json" or "npz": points, faces, samples, weights, descriptors, scale and stress. JSON also has the asymmetry,
+        parameters, version and warnings.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def coordinate_colours(points: Floats) -> Floats | None:
 
 
 def signature_as_dict(signature: Signature) -> dict[str, object]:
-    """Return all fields of a signature as plain JSON values."""
+    """Return a signature as plain JSON values, without its fields `boundary` and `local`."""
     return {
         "points": signature.points.tolist(),
         "faces": signature.faces.tolist(),

@@ -12,14 +12,14 @@ from unbend.errors import ParameterError
 def orient_form(form_points: ArrayLike, surface_points: ArrayLike, weights: ArrayLike | None = None) -> Floats:
     """Turn a canonical form as its surface stands, so that it is upright where the surface is.
 
-    A form is known up to a rotation and a reflection. This applies those of the first three coordinates, around the
-    origin, for which the sum of squared distances between the points of form and surface, both centred, is least
-    (Kabsch 1976; the reflection is allowed). Further coordinates, distances and the scale stay.
+    A form is known up to a rotation and a reflection. This function rotates and reflects the first three coordinates
+    around the origin so that the sum of squared distances between the points of form and surface, both centred, is
+    least (Kabsch 1976; the reflection is allowed). Further coordinates, distances and the scale stay.
 
     Parameters
     ----------
     form_points : (n, m) float
-        Canonical coordinates, three or more. Rows that are not finite are ignored, and stay so.
+        Canonical coordinates, three or more. Rows that are not finite are ignored, and are not finite in the result.
     surface_points : (n, 3) float
         The same vertices on the surface, in any unit.
     weights : (n,) float, optional

@@ -1,4 +1,4 @@
-"""A library that cannot grow while clients write to it, by a limit on file sizes, which needs no root rights."""
+"""A library that cannot grow while clients write to it: a limit on file sizes, which needs no root rights, stops it."""
 
 from __future__ import annotations
 

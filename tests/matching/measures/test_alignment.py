@@ -73,7 +73,7 @@ def test_a_small_change_has_a_small_distance(measure, cloud, seed, size):
     noise = size * np.random.default_rng(seed).uniform(-1, 1, a.points.shape)
     centred = a.points - a.weights @ a.points
     radius = np.sqrt(a.weights @ (centred**2).sum(axis=1))
-    # The moved copy of each point is within the noise, and scaling both sets to radius 1 at most doubles this.
+    # Each point moves by at most the largest noise, and scaling both sets to radius 1 at most doubles this distance.
     largest = np.sqrt((noise**2).sum(axis=1)).max() / radius
     assert measure.distance(a, replace(a, points=a.points + noise)) <= 2.5 * largest + 1e-7
 

@@ -41,7 +41,8 @@ def test_the_hausdorff_distance_is_the_larger_mean_and_below_the_maximal_one(clo
     assert HAUSDORFF.distance(a, b) == pytest.approx(min(max(mean for mean, _ in pose) for pose in poses), rel=1e-12)
     assert MAX_HAUSDORFF.distance(a, b) == min(max(largest for _, largest in pose) for pose in poses)
     assert HAUSDORFF.distance(a, b) <= MAX_HAUSDORFF.distance(a, b)
-    # A mean is at most the root mean square, and the square of one direction is at most twice the mean of both.
+    # A mean is at most the root mean square. The mean square in one direction is at most twice the mean of both
+    # directions.
     assert HAUSDORFF.distance(a, b) <= np.sqrt(2) * RIGID.distance(a, b) * (1 + 1e-12)
 
 

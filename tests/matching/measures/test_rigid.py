@@ -68,7 +68,7 @@ def test_a_noisy_subset_is_aligned_nearly_optimally(cloud):
 
 
 def nearest_in_the_plane(a, b) -> float:
-    """Return the least distance that Nelder-Mead finds, started from the best of all whole degrees and reflections."""
+    """Return the least distance that Nelder-Mead finds from the five best turns by whole degrees, mirrored or not."""
     x, y = (at_radius_one(form) for form in (a, b))
 
     def distance(motion: np.ndarray, mirror: float) -> float:

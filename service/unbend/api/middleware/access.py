@@ -49,7 +49,7 @@ class Caller:
 class Access:
     """ASGI middleware that admits a request, or responds 401, 403 or 429, or 503 if it cannot read the keys.
 
-    The keys are read from the store for each request, so a new or revoked key takes effect with the next request. A
+    Each request is checked against the keys in the store, so a new or revoked key takes effect with the next request. A
     library without keys is open to requests from this machine, and to other requests only if the settings allow it:
     revoking the last key of a public server does not open the server.
     """

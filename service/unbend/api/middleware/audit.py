@@ -17,7 +17,7 @@ _JOBS: Final = f"{API_PREFIX}/jobs/"
 
 
 class Audit:
-    """ASGI middleware that logs the caller, path and status of writes, and nothing else of a request."""
+    """ASGI middleware that logs the caller, method, path, status and ids of each write, but no headers and no body."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

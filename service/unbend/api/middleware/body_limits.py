@@ -34,7 +34,7 @@ class BodyRefused(HTTPException):
 
 
 class BodyLimit:
-    """ASGI middleware that responds 413, 408 or 503 to bodies beyond the limits, before they are complete or parsed."""
+    """ASGI middleware that refuses bodies with 413, 408, 503 or 507, before they are complete or parsed."""
 
     def __init__(self, app: ASGIApp, limits: BodyLimits) -> None:
         self._app = app

@@ -10,7 +10,7 @@ from typing import Final
 
 _MINUTE: Final = 60.0
 _MOST_CALLERS: Final = 10_000
-"""Number of buckets from which full buckets are evicted. A full bucket equals a new one."""
+"""With this many buckets or more, full ones are evicted. A full bucket equals a new one."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ HEARTBEAT_SECONDS: Final = 15.0
 RETRY_MILLISECONDS: Final = 2000
 
 HEADERS: Final = {"X-Accel-Buffering": "no"}
-"""Stops nginx from buffering events. Every response already sets no-store."""
+"""Stops nginx from buffering events. `SecurityHeaders` adds no-store."""
 
 _ROUND: Final = 1_000_000
 _STEP: Final = 100_000

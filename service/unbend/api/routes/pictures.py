@@ -27,7 +27,7 @@ from unbend.render.request import Format, PictureRequest, Subject
 router = APIRouter(tags=["shapes"])
 
 _DRAWING_VERSION: Final = "1"
-"""It changes when the same shape and options would give other bytes."""
+"""A part of each ETag. Change it when the same shape and options give other bytes."""
 
 _VALIDATED: Final = {"Cache-Control": "private, no-cache"}
 """A browser may keep the bytes, and asks each time whether they are still right."""
@@ -136,7 +136,7 @@ async def _cached(
 ) -> Response:
     """Return 304 if the client has the bytes, otherwise cached or new ones.
 
-    They depend on the file and on how it was read and computed, but not on the name, label or metadata.
+    The bytes depend on the file and on how it was read and computed, but not on the name, label or metadata.
     """
     key = (record.id, record.sha256, record.version, options)
     digest = hashlib.sha256(repr((_DRAWING_VERSION, key)).encode()).hexdigest()

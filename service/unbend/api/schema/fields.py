@@ -95,7 +95,7 @@ class PolicyFields(BaseModel):
 
 
 _NO_EXAMPLE: Final[list[JsonValue]] = [{}]
-"""The form of /docs would fill in a value of its own, and "Try it out" would send it."""
+"""An empty example. Without it, the form of /docs fills in a value of its own, and "Try it out" sends that value."""
 
 
 def _inline(model: type[BaseModel], description: str) -> dict[str, Any]:

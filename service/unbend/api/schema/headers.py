@@ -28,5 +28,5 @@ DISPOSITION: Final = {
 
 
 def headers_for(path: str) -> dict[str, str]:
-    """Return the security headers of a response for `path`; responses of the API are never cached."""
+    """Return the security headers of a response for `path`; those of the API are not cached by default."""
     return _ALWAYS | ({"Cache-Control": "no-store"} if path.startswith(f"{API_PREFIX}/") else {})

@@ -94,7 +94,7 @@ _ROUTING: Final = {404: "there is no resource at this path", 405: "the resource 
 _FULL: Final = "the folder for temporary files has no space for the request's body"
 
 _SHOWN: Final = 10
-"""Most fields in a problem, because a request may have thousands of invalid fields."""
+"""Maximum number of fields in a problem, because a request may have thousands of invalid fields."""
 
 _SHOWN_TEXT: Final = 100
 

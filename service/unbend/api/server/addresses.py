@@ -7,7 +7,7 @@ from ipaddress import ip_address
 from typing import Final
 
 _MOST: Final = 1024
-"""Size of the cache. Every request checks its host, and most requests have the same hosts."""
+"""Size of each cache. Every request checks its host, and most requests have the same hosts."""
 
 
 @lru_cache(_MOST)

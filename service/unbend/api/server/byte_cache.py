@@ -7,7 +7,7 @@ from collections.abc import Hashable
 
 
 class ByteCache:
-    """The least recently used bytes, at most `capacity` of them; used within one event loop."""
+    """Keeps the most recently used responses, at most `capacity` bytes in total; used within one event loop."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
@@ -21,7 +21,7 @@ class ByteCache:
         return self._values.get(key)
 
     def put(self, key: Hashable, data: bytes) -> None:
-        """Cache the bytes of a key, and evict the least recently used ones above the capacity."""
+        """Cache the bytes of a key, and evict the least recently used responses until the rest fits."""
         self._size += len(data) - len(self._values.pop(key, b""))
         self._values[key] = data
         while self._size > self._capacity:

@@ -71,7 +71,7 @@ def read_settings(options: Mapping[str, Any], path: Path | None = None) -> Setti
     Raises
     ------
     ParameterError
-        If a value is invalid, or a name unknown; messages use the names of the sources.
+        If a value is invalid, or a name is unknown. The message names each setting as its source does.
     """
     try:
         file = _open(path.expanduser() if path else None)
@@ -139,7 +139,7 @@ def _path_problem(given: Path) -> str | None:
         return f"{path} is a folder"
     if not folder.is_dir():
         return f"there is no folder {folder}"
-    if not _may(folder, os.W_OK | os.X_OK):  # SQLite creates files next to it
+    if not _may(folder, os.W_OK | os.X_OK):  # SQLite creates files next to the library
         return f"the folder {folder} cannot be written"
     return f"{path} cannot be written" if path.exists() and not _may(path, os.R_OK | os.W_OK) else None
 

@@ -24,7 +24,7 @@ from unbend.api.schema.headers import headers_for
 from unbend.api.schema.problems import answer, of_status
 
 LINGER_SECONDS: Final = 2.0
-"""Time that a client that still sends has to read its response before the connection closes."""
+"""Time for which a connection stays open if its client still sends, so that the client can read the response."""
 
 RETRY_SECONDS: Final = 5
 """Retry-After of a client that is refused because of too many connections."""

@@ -40,11 +40,11 @@ class BodyLimits:
     """Limits on the bodies of requests."""
 
     each: int
-    """Most bytes of a body with a file."""
+    """Maximum size of a body with a file, in bytes."""
     json: int
-    """Most bytes of any other body, which is parsed on the event loop."""
+    """Maximum size of any other body, in bytes. Such a body is parsed on the event loop."""
     together: int
-    """Most received bytes of all requests in progress."""
+    """Maximum number of received bytes of all requests in progress together."""
     stall_seconds: float
     """Longest time without a received byte."""
     seconds: float
@@ -229,7 +229,7 @@ class Settings(BaseSettings):
 
     @property
     def reserve_bytes(self) -> int:
-        """Reserved bytes of the library's disk: removing a shape needs space, because SQLite overwrites its file."""
+        """Reserved bytes of the library's disk: removing a shape needs space, as SQLite overwrites deleted data."""
         return (self.reserve_mb or self.max_upload_mb + _ROWS_MB) * 2**20
 
     @property

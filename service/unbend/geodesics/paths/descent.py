@@ -40,7 +40,10 @@ def _look(ua, ub, c, x, y):
 
 @kernel
 def _leave(half_edges, offsets, corners, field, shrink, vertex, source):
-    """Choose how to leave `vertex`: return a half-edge, and the share of it where to cross, or -1 to walk along it."""
+    """Choose how to leave `vertex`.
+
+    Return a half-edge, and the share of its length at which to cross it, or -1 to walk along it.
+    """
     best, chosen, crossing = np.inf, np.int64(-1), -1.0
     for index in range(offsets[vertex], offsets[vertex + 1]):
         opposite = half_edges[corners[index]]
@@ -99,8 +102,8 @@ def _cross_face(portal, before, after, ua, ub, uc, at):
     """Cross the face entered through half-edge `portal`, at the share `at` of its length.
 
     `before` and `after` are the face's other half-edges. The field is ua and ub at the portal's ends, and uc at the
-    opposite corner. Return the half-edge to leave by, where to cross it as a share of it, the distance from there to
-    the source, and a vertex. If the half-edge is -1, the walk goes to that vertex.
+    opposite corner. Return the half-edge to leave by, the share of its length at which to cross it, the distance
+    from there to the source, and a vertex. If the half-edge is -1, the walk goes to that vertex.
     """
     base, along, aside = portal.length, portal.along, portal.aside
     leave, share, value, goal = -1, 0.0, 0.0, portal.corner

@@ -48,7 +48,7 @@ def _other_sides(spoke, after, vertex):
 def _angle_to_piece(portal, from_first_end, spoke):
     """Return the angle between `spoke` and a piece in the same face, which crosses the face's side `portal`.
 
-    `from_first_end` is the piece's `head` or `tail`: its angle from the spoke to the first end of `portal`.
+    `from_first_end` is the piece's `head` or `tail`: the angle between the piece and the first end of `portal`.
     """
     return from_first_end if spoke == portal.before else portal.angle - from_first_end
 
@@ -81,7 +81,10 @@ def _sweep(half_edges, limit, vertex, goal, leave, head, spoke, angle, strip, co
 
 @kernel
 def _follow_turn(half_edges, offsets, pieces, portals, piece, turn, strip, count):
-    """Sweep around the node where `piece` starts, from the piece before it, as `turn` says; return as `_sweep`."""
+    """Sweep around the node where `piece` starts, from the piece before it, as `turn` says.
+
+    Return what `_sweep` returns.
+    """
     vertex, goal = pieces[piece].node, pieces[piece + 1].node
     leave = -1 if pieces[piece].edge >= 0 else portals[pieces[piece].start].exit
     head = pieces[piece].head

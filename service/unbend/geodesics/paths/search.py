@@ -43,7 +43,7 @@ def search_shortest(mesh, field, source, target, path, spare, best, work):
 
 @kernel
 def straighten_walk(mesh, vertices, path, spare, work):
-    """Straighten a walk from vertex to vertex along edges; return the same as `search_shortest`."""
+    """Straighten a walk from vertex to vertex along edges; return a path in the form of `search_shortest`."""
     half_edges, offsets, corners, _ = mesh
     strip, points, ends, deque, turns = work
     here, there = (path.pieces, path.portals), (spare.pieces, spare.portals)

@@ -26,7 +26,7 @@ class Search:
         self._parts = PartIndex()
 
     def rank(self, query: Signature | str, request: QueryRequest) -> Ranking:
-        """Rank classes and shapes by their distance from a signature, or from the shape with an id.
+        """Rank classes and shapes by their distance from `query`: a signature, or the id of a stored shape.
 
         Only shapes whose signatures were computed with the query's parameters take part.
 

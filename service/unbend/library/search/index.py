@@ -25,7 +25,7 @@ _CHUNK: Final = 256
 """Rows that are read from the store at a time: few enough to stay in the CPU cache until they are concatenated."""
 
 _COMPACT_SHARE: Final = 4
-"""A table drops the rows of removed shapes once they are one row in four."""
+"""A table drops the rows of removed shapes once they are more than one row in four."""
 
 _STATE = select(
     library_state.c.epoch, library_state.c.revision, select(func.max(shapes.c.seq)).scalar_subquery().label("last")

@@ -22,10 +22,10 @@ from unbend.matching.measures.protocol import squared
 from unbend.matching.measures.vectors import SURFACE_MOMENTS
 
 MAP_LIMIT: Final = 5000
-"""Most shapes on a map by default."""
+"""Largest number of shapes on a map by default."""
 
 _PAIRS: Final = 20_000_000
-"""Most distances that an evaluation computes. In larger libraries, fewer shapes are queries."""
+"""Largest number of distances that an evaluation computes. In large libraries, not every shape is a query."""
 
 
 MapDistance = Literal["l1", "squared_l2"]
@@ -65,9 +65,9 @@ class ShapeMap:
 
     measure: str
     stress: float
-    """Eq. 2 of the points."""
+    """Stress of the points by the signature (eq. 2 of the paper)."""
     original_stress: float
-    """Eq. 2 of the originals."""
+    """Stress of the points by the surface in space."""
     count: int
     """Number of shapes that the map's shapes were chosen from."""
     items: list[MapItem]

@@ -26,7 +26,7 @@ _RESULT_BYTES: Final = 2**20
 """Space that the result of a job takes in rows, indexes and the log."""
 
 _UPLOAD_BYTES: Final = 2 * _RESULT_BYTES
-"""Space that an upload takes in addition to its file. It exceeds that of a result, so that admitted uploads can run."""
+"""Space that an upload takes in addition to its file. It exceeds `_RESULT_BYTES`, so that admitted uploads can run."""
 
 
 class LibraryDisk:

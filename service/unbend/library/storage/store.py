@@ -69,7 +69,8 @@ class Store:
     def submit(self, change: Callable[[Connection], T]) -> Future[T]:
         """Queue a change for the writer; the change is on disk when the future has its result.
 
-        A change may run twice (see `Writer`). If the database is in memory, the change runs in the caller's thread.
+        A change may run several times (see `Writer`). If the database is in memory, the change runs in the
+        caller's thread.
 
         Raises
         ------

@@ -60,10 +60,10 @@ def confidences(dissimilarities: Floats, exponent: float) -> Floats:
 
 
 _NEAR_MEMBERS: Final = 256
-"""Most members of a class that are considered, the nearest ones, so that large classes take no more time."""
+"""Largest number of members of a class that are considered: the nearest ones. This bounds the time of large classes."""
 
 _PROBES: Final = 32
-"""Most of these members whose own nearest neighbours are searched."""
+"""Largest number of these members whose own nearest neighbours are searched."""
 
 
 def is_known(query: Query, code: int, slack: float) -> bool | None:

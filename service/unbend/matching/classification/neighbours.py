@@ -10,8 +10,10 @@ from unbend.matching.classification.classifier import Classifier, ClassScores, Q
 from unbend.matching.selection import smallest
 
 VOTERS: Final = 3
-"""Number of voting neighbours, the least that can outvote one. Neighbours at the distance of the last voter also vote,
-so that results do not depend on the order of the rows."""
+"""Number of voting neighbours. Of three, two can outvote the other.
+
+Neighbours at the distance of the last voter also vote, so that results do not depend on the order of the rows.
+"""
 
 
 def _score_by_nearest(query: Query) -> ClassScores:

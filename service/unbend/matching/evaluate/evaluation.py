@@ -14,7 +14,7 @@ from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
 
 _MAX_CONFUSION_CLASSES: Final = 1000
-"""Most classes for which `as_dict` includes the confusion matrix, whose size is the square of the number of classes."""
+"""Largest number of classes for which `as_dict` includes the confusion matrix: n classes need n^2 counts."""
 
 
 @dataclass(frozen=True)

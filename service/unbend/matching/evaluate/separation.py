@@ -68,7 +68,7 @@ def separation(vectors: Mapping[str, Floats], labels: Sequence[str]) -> Separati
     -------
     Separation
         Natural logarithms of the squared distance between two classes' means over the sum of their variances (Fig. 5).
-        A variance of 0 is replaced by 1e-12 times the squared distance.
+        If the sum is below 1e-12 times the squared distance, this value replaces it.
     """
     names = np.array(labels)
     members = {label: names == label for label in dict.fromkeys(labels)}

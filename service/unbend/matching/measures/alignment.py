@@ -27,7 +27,7 @@ class Search:
     refined: int = 2
     """Number of poses that are then refined with all points."""
     steps: int = 100
-    """Most refinement steps with all points. Usually about seven are made."""
+    """Largest number of refinement steps with all points. Usually about seven are made."""
 
 
 _SEARCH: Final = Search()
@@ -35,7 +35,7 @@ _SEARCH: Final = Search()
 
 @dataclass(frozen=True)
 class Residuals:
-    """The distances from the points of each of two aligned forms to the nearest point of the other, and the weights."""
+    """The distances from the points of each of two aligned forms to the nearest of the other, and their weights."""
 
     distances: tuple[Floats, Floats]
     weights: tuple[Floats, Floats]

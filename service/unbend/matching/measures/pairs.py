@@ -1,7 +1,8 @@
 """The measures that need two whole signatures: distances between aligned canonical forms, and between Reeb graphs.
 
-To add a measure, define a `PairMeasure` here and list it in `unbend.matching.measures.registry`. All are invariant to
-bending, rotation, reflection and scale. Alignment takes some milliseconds per pair, matching of Reeb graphs about one.
+To add a measure, define a `PairMeasure` here and list it in `unbend.matching.measures.registry`. All these measures are
+invariant to bending, rotation, reflection and scale. Alignment takes some milliseconds per pair, matching of Reeb
+graphs about one.
 """
 
 from __future__ import annotations

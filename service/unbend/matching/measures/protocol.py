@@ -83,7 +83,7 @@ def squared(measure: VectorMeasure) -> SquaredMeasure:
 class PairMeasure:
     """A distance that needs two whole signatures.
 
-    It is too expensive to search a whole library, so it only reranks a short list.
+    It is too slow for a search of a whole library, so it only reranks a short list.
     """
 
     name: str

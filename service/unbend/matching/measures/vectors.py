@@ -1,7 +1,7 @@
 """The measures that compare vectors, each made of one or several descriptors.
 
-To add a measure, define a `VectorMeasure` here and list it in `unbend.matching.measures.registry`. All are invariant to
-rotation, reflection and scale. All except `SURFACE_MOMENTS` are also invariant to bending.
+To add a measure, define a `VectorMeasure` here and list it in `unbend.matching.measures.registry`. All these measures
+are invariant to rotation, reflection and scale. All except `SURFACE_MOMENTS` are also invariant to bending.
 """
 
 from __future__ import annotations

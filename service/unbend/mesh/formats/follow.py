@@ -13,12 +13,14 @@ ENDED, STRANGE = -1, -2
 """Returned instead of a position: the bytes end early, or a list has an impossible length."""
 
 MOST = 2**31
-"""Upper bound of the length of a list; longer lists are STRANGE."""
+"""Bound on the length of a list. Lists of this length or more are STRANGE."""
 
 
 @kernel
 def follow(body, position, widths, kinds, sizes, big, places, counts):
-    """Find the values of all rows: write their positions to `places` and their numbers to `counts`, (rows, fields).
+    """Find the values of each field of each row: write their position to `places` and their count to `counts`.
+
+    Both arrays are (rows, fields).
 
     The rows are in `body` (bytes,), starting at `position`. A value of a field has `widths` (fields,) bytes. The length
     of a list has the type `kinds` (fields,) and `sizes` (fields,) bytes, and is big-endian if `big`. Return the

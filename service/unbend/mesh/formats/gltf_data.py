@@ -44,7 +44,7 @@ class Data:
             raise MeshReadError(f"accessor {accessor} of the glb file is {shown(str(described['type']))}, not {kind}")
         count, component, sparse = self.count(accessor), described["componentType"], described.get("sparse")
         columns = _COLUMNS[kind]
-        if sparse:  # read first, because the buffers then known limit the size in `_zeros`
+        if sparse:  # read first: this decodes the buffers whose size limits the count in `_zeros`
             rows = self._elements(sparse["indices"], sparse["count"], sparse["indices"]["componentType"], 1)[:, 0]
             changes = self._elements(sparse["values"], sparse["count"], component, columns)
         if "bufferView" in described:

@@ -16,7 +16,7 @@ _MODES: Final = range(7)
 
 
 def joined(parts: list[tuple[Floats, Indices]]) -> tuple[Floats, Indices]:
-    """Return several meshes as one mesh, with the vertices of one after those of the other."""
+    """Return several meshes as one mesh, with the vertices of each after those of the previous one."""
     if len(parts) == 1:
         return parts[0]
     firsts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])

@@ -37,7 +37,7 @@ _KNOWN: Final = frozenset((
     b"vt", b"vn", b"vp", b"g", b"o", b"s", b"l", b"p", b"mg", b"usemtl", b"mtllib", b"usemap", b"maplib", b"lod",
     b"bevel", b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj", b"ctech", b"stech", b"call", b"csh",
 ))  # fmt: skip
-_SHOWN: Final = 5  # most unknown words that a note names
+_SHOWN: Final = 5  # largest number of unknown words that a note names
 
 
 def recognises(data: bytes) -> bool:

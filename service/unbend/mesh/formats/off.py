@@ -30,7 +30,7 @@ from unbend.mesh.limits import MeshLimits
 
 _HEADER: Final = 2**16  # bytes that are searched for the counts
 _BLANK: Final = rb"(?:\s|#[^\n]*\n)"
-_KEY: Final = rb"((?:ST|C|N|4){0,5}OFF)"  # in any order, because MeshLab uses another one
+_KEY: Final = rb"((?:ST|C|N|4){0,5}OFF)"  # in any order, because MeshLab's order is not Geomview's
 _BEGIN: Final = re.compile(rb"(?:%b)?%b*%b(?=[ \t]*(?:[\d#\r\n]|BINARY|$))" % (MARK, _BLANK, _KEY), re.IGNORECASE)
 _BINARY: Final = re.compile(rb"(?:%b)?%b*%b[ \t]+BINARY[ \t]*(?:\r\n|\r|\n)" % (MARK, _BLANK, _KEY), re.IGNORECASE)
 _COUNTS: Final = re.compile(rb"%b*(\d{1,18})%b+(\d{1,18})\b" % (_BLANK, _BLANK))

@@ -164,7 +164,7 @@ class Body:
         return int(self.starts[line]) if line < len(self.starts) else len(self.values)
 
     def _number(self, line: int) -> int:
-        """Return the line number in the file of the line with numbers `line`, or of the broken line, or of the end."""
+        """Return the line number in the file of entry `line` of `indices`, or else of the broken or the last line."""
         if line < len(self.indices):
             return self.first + int(self.indices[line])
         return self.first + (len(self.lines) - 1 if self.broken is None else self.broken)

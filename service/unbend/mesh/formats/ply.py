@@ -106,7 +106,7 @@ def _text_rows(data: bytes, header: Header) -> tuple[dict[str, Rows], tuple[str,
 
 
 def _misfit(numbers: Table, elements: tuple[Element, ...]) -> int | None:
-    """Return the first line whose number of values differs from that of its element, None if there is none.
+    """Return the first line whose number of values is not the number of fields of its element, None if there is none.
 
     The search stops at the first element with lists.
     """
@@ -167,7 +167,7 @@ def _strips(column: Column, vertices: int, limits: MeshLimits) -> Indices:
 
 
 def write(vertices: Floats, faces: Ints, colours: Floats | None, _uv: Floats | None) -> bytes:
-    """Return a binary ply file of single precision; `colours` are red, green, blue and alpha from 0 to 255."""
+    """Return a binary ply file of single precision. It stores `colours` as red, green, blue and alpha, 0 to 255."""
     names = ["red", "green", "blue", "alpha"] if colours is not None else []
     points = np.empty(len(vertices), [("place", "<f4", 3)] + [("colour", "u1", 4)] * bool(names))
     points["place"] = vertices

@@ -47,7 +47,7 @@ class Header:
 
 
 def read_header(data: bytes) -> Header:
-    """Return the header of a ply file, in which capitals and small letters are equal.
+    """Return the header of a ply file. The case of its letters does not matter.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from unbend.tolerances import FLAT_CORNER
 
 _BLOCK: Final = 2**20  # corners per block
 _TURNS: Final = 5  # corners that are tried as centres of fans, enough for every simple pentagon
-_MOST: Final = 100_000  # most corners of a polygon for ear clipping, which takes quadratic time: this many take seconds
+_MOST: Final = 100_000  # largest number of corners for ear clipping, which takes quadratic time: this many take seconds
 
 
 def triangulated(

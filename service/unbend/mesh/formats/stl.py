@@ -1,7 +1,7 @@
 """stl files, binary or text: facets that share no corners.
 
-The length identifies a binary file, whatever its header begins with: 84 bytes, and 50 for each facet that it announces.
-Bytes after the last facet are skipped. In text, line ends matter only after the names of solids.
+The length identifies a binary file, whatever its header begins with: 84 bytes, and 50 for each facet that the header
+announces. Bytes after the last facet are skipped. In text, line ends matter only after the names of solids.
 """
 
 from __future__ import annotations
@@ -65,7 +65,10 @@ def _text(data: bytes) -> bool:
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return 0 vertices, because equal corners are not merged yet, and the facets announced or, in text, counted."""
+    """Return 0 vertices, because equal corners are not merged yet, and the number of facets.
+
+    A binary file announces this number. In text, the ends of facets are counted.
+    """
     if _text(data) and not _binary(data):
         return 0, data.count(b"endfacet") + data.count(b"ENDFACET")
     return 0, _announced_facets(data)

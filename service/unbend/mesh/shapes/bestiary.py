@@ -37,7 +37,7 @@ def _biped() -> Skeleton:
 
 
 def _quadruped(*, leg: float, girth: float, neck: tuple[float, float], tail: float) -> Skeleton:
-    """Return a four-legged animal; `neck` is its length and its slope, `leg` the length of half a leg."""
+    """Return a four-legged animal; `neck` is the length and the slope of the neck, `leg` half the length of a leg."""
     neck_length, neck_slope = neck
     hip: Vector = (1, 0, -1.1)
     nod = ((-25, 30), (-10, 10), (-25, 25))

@@ -75,8 +75,8 @@ class BlendedCones:
 def _blended(a: Floats, b: Floats, width: float) -> tuple[Floats, Floats]:
     """Return the quadratic smooth minimum min(a, b) - k h^2 / 4, h = max(1 - |a - b| / k, 0), and its derivative by b.
 
-    It differs from the minimum only where |a - b| < k (Quilez, "Smooth minimum"). The derivative by b is h / 2 where
-    a < b, and 1 - h / 2 elsewhere.
+    Here k is `width`. The result differs from the minimum only where |a - b| < k (Quilez, "Smooth minimum"). The
+    derivative by b is h / 2 where a < b, and 1 - h / 2 elsewhere.
     """
     h = np.maximum(1 - np.abs(a - b) / width, 0.0)
     return np.minimum(a, b) - width * h * h / 4, np.where(a < b, h / 2, 1 - h / 2)

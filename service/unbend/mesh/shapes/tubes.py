@@ -30,7 +30,7 @@ def tube(curve: SpaceCurve, radius: Radius = 0.15, *, around: int = 16, along: i
     curve : SpaceCurve
         The axis.
     radius : float or callable, default 0.15
-        Radius in the unit of the curve; see `Radius`. The caps join smoothly if its slope is 0 at the ends.
+        Radius in the unit of the curve; see `Radius`. The caps join smoothly if the radius has slope 0 at the ends.
     around : int, default 16
         Vertices of each cross-section, at least 6.
     along : int, optional
@@ -144,7 +144,7 @@ def _check_clear(s: Floats, centres: Floats, tangents: Floats, radii: Floats) ->
 
 
 def _rotation_minimising(centres: Floats, tangents: Floats) -> Floats:
-    """Return one unit normal per station (n, 3), by double reflection (Wang et al. 2008, table I)."""
+    """Return a unit normal at each centre, (n, 3), by double reflection (Wang et al. 2008, table I)."""
     normals = np.empty_like(centres)
     start = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
     normals[0] = start / np.linalg.norm(start)

@@ -147,7 +147,7 @@ def _curve(place: int, name: str, points: Sequence[tuple[float, float, float, fl
 
 _MAP_WIDTH, _MAP_HEIGHT, _MAP_EDGE = 460, 360, 24
 _MAX_MAP_SHAPES: Final = 2000
-"""Most shapes that a class map shows. If there are more, evenly spaced rows are shown."""
+"""Largest number of shapes that a class map shows. If there are more, evenly spaced rows are shown."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The pictures of the report: a selection of the shapes, of which each is in the page once."""
+"""The pictures of the report: a selection of the shapes. The page contains each picture once."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 MOST_PICTURES: Final = 400
-"""Most pictures in a page, which bounds its size. A picture of 128 x 128 pixels takes about 3 kB in base64."""
+"""Largest number of pictures in a page, to bound its size. A picture of 128 x 128 pixels takes about 3 kB in base64."""
 
 MOST_OF_CLASS: Final = 8
-"""Most pictures in the row of a class."""
+"""Largest number of pictures in the row of a class."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,8 @@ class PictureView:
 def select_pictures(pictures: Sequence[ShapePicture], wrong: Sequence[Sequence[str]]) -> PictureView:
     """Select at most `MOST_PICTURES` pictures.
 
-    At least half of them are for mistakes, if there are so many. The others are evenly spaced members of each class.
+    At least half of them show wrong answers, if there are enough wrong answers. The others are evenly
+    spaced members of each class.
 
     Parameters
     ----------

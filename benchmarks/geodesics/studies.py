@@ -29,7 +29,8 @@ def coarse_table(folder: Folder) -> str:
     header = ["method", "mean", "largest", "mean, the smaller of both directions"]
     return (
         f"**Coarse meshes**: relative error (%) on {len(meshes)} SHREC'11 meshes of {meshes[0].count} vertices, every"
-        " vertex a source, averaged over the meshes. Our matrices contain the smaller of both directions.\n\n"
+        " vertex a source, averaged over the meshes. The last column, like our matrices, takes the smaller of the"
+        " distances from i to j and from j to i.\n\n"
         + table(header, [_coarse_row(name, of) for name, of in errors.items()])
     )
 
@@ -54,8 +55,8 @@ def sheared_table(folder: Folder, sizes: Iterable[int]) -> str:
     errors = _errors_on(meshes, APPROXIMATE, lambda mesh: [mesh.count // 2], straight_lines)
     rows = [[name, *(_cell(error) for error in of)] for name, of in errors.items()]
     return (
-        f"**Sheared grid**: mean relative error (%) on a flat square grid sheared by {SHEAR} (angles of 12, 22 and 146"
-        " degrees), where geodesics are straight lines, from its centre, under refinement.\n\n"
+        "**Sheared grid**: mean relative error (%) of distances from the centre of a flat square grid sheared by"
+        f" {SHEAR} (angles of 12, 22 and 146 degrees), under refinement. Geodesics there are straight lines.\n\n"
         + table(["method", *(mesh.name for mesh in meshes)], rows)
     )
 
@@ -102,8 +103,9 @@ def scaling_table(meshes: Iterable[Mesh], small: Mesh) -> str:
     header += ["peak bytes", "peak bytes with the surface"]
     return (
         f"**Scaling** of {SPHERICAL}, per vertex: nanoseconds of preparation (stencils) and of a source, in one thread"
-        " unless the column says otherwise, and peak memory of a first `geodesic_distances` with one source, which"
-        " builds the stencils: beyond libraries and the surface, and with the surface.\n\n"
+        " unless the column says otherwise, and the peak memory of a first `geodesic_distances` with one source, which"
+        " builds the stencils. The first of the two columns of memory excludes the libraries and the surface, the"
+        " second only the libraries.\n\n"
         + table(header, [[mesh.name, *_scaling_cells(mesh, small)] for mesh in meshes])
     )
 

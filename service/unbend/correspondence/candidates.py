@@ -24,7 +24,10 @@ _SAME: Final = 1.0
 """Two candidates are the same if their images are nearer than this many sampling radii on average."""
 
 _RIVAL: Final = 1.1
-"""A candidate is a rival of the chosen one up to this many times its figures, and within what sampling alone causes."""
+"""Largest ratio of a rival's stretch and curvature to those of the chosen candidate.
+
+A figure that is no larger than what sampling alone causes (the two limits that follow) also passes.
+"""
 
 _SAMPLING_STRETCH: Final = 0.7  # sampling radii
 _SAMPLING_CURVATURE: Final = 0.1
@@ -62,7 +65,7 @@ def judged_candidates(a: Features, b: Features, turn: float) -> list[Judged]:
 
 
 def has_rival(figures: Sequence[Candidate], radius: float) -> bool:
-    """Return whether another of the figures shows distances and curvature kept nearly as well as the first."""
+    """Return whether a different map keeps distances and curvature nearly as well as the first, the chosen one."""
     chosen, *others = figures
     return any(
         other.stretch <= max(_RIVAL * chosen.stretch, _SAMPLING_STRETCH * radius)
@@ -82,7 +85,8 @@ def judge(a: Features, b: Features, found: PointMap, turn: float) -> Judged:
     """Measure a map.
 
     Distances, functions, curvature and orientation each mistake some wrong maps, such as a body turned back to front,
-    for right ones. Their product, in which no unit matters, mistakes far fewer.
+    for right ones. The cost mistakes far fewer. It is the product of the first three, divided by the agreement of
+    orientation if the map is oriented. The units of the figures do not change the order of the costs.
     """
     changed = float(a.weights @ stretch(a, b, found) @ b.weights)
     ours, theirs = embedded(a, b, found, COARSE[-1], turn)

@@ -25,9 +25,9 @@ def export_correspondence(found: Correspondence, a: Surface, b: Surface, file_ty
     found : Correspondence
     a, b : Surface
     file_type : str
-        "json" or "npz": for each vertex of the file of `a`, `corners` (n, 3), the vertices of the file of `b` at the
-        corners of its face, `barycentric` (n, 3), their weights, and `confidence` (n,); also `residual`, `oriented` and
-        `ambiguous`. Corners are -1 and weights 0 at vertices without a point.
+        "json" or "npz": for each vertex of the file of `a`: `corners` (n, 3), the corners of the face of `b` with its
+        point, as vertices of the file of `b`; `barycentric` (n, 3), the weights of these corners; and `confidence`
+        (n,). Also `residual`, `oriented` and `ambiguous`. Corners are -1 and weights 0 at vertices without a point.
         "ply", "obj", "off" or "glb": `a` with the colours of `b` (`place_colours`), grey where there is no point.
 
     Raises
@@ -60,7 +60,7 @@ def correspondence_arrays(found: Correspondence, a: Surface, b: Surface) -> dict
 
 
 def place_colours(surface: Surface) -> Floats:
-    """Return a colour for each vertex, (n, 3) from 0 to 1: its coordinates, over the sides of the bounding box."""
+    """Return a colour for each vertex, (n, 3): its place along each side of the bounding box, from 0 to 1."""
     used = surface.vertices[surface.used_vertices]
     low, sides = used.min(axis=0), np.ptp(used, axis=0)
     shares = (surface.vertices - low) / np.where(sides > 0, sides, 1.0)

@@ -11,8 +11,8 @@ from unbend.jit import kernel
 def stress(points: Floats, distances: Floats, weights: Floats | None = None) -> float:
     """Stress of `points` (n, m) against `distances` (n, n), eq. 2: 0 for a perfect embedding.
 
-    The stress is sum_{i<j} w_ij (delta_ij - d_ij)^2 / sum_{i<j} delta_ij^2, with weights 1 by default. If all given
-    distances are zero, it is 0.
+    The stress is sum_{i<j} w_ij (delta_ij - d_ij)^2 / sum_{i<j} delta_ij^2, where delta are the given `distances`, d
+    the distances between the `points`, and w the weights, 1 by default. If all given distances are zero, it is 0.
     """
     total = float((distances**2).sum()) / 2
     raw = raw_stress(points, distances, weights if weights is not None else np.empty((0, 0)))

@@ -35,7 +35,10 @@ def _check_alike(widths: Indices, strict: bool) -> None:
 
 
 def _vertex_lines(text: bytes) -> int | None:
-    """Return the number of lines up to the last vertex, if each vertex has its own line and no line is blank."""
+    """Return the number of lines up to the last vertex; None if the text does not begin with a count.
+
+    It is a guess: it assumes that each vertex has its own line, and that no line after the first count is blank.
+    """
     found = _FIRST_COUNT.match(text)
     return int(found.group(1)) + text.count(b"\n", 0, found.start(1)) + 1 if found else None
 
@@ -155,7 +158,7 @@ class Body:
         """Return the range of `count` lines, the first of which begins with the number at `begin`."""
         line = int(np.searchsorted(self.starts, begin))
         if begin < len(self.values) and self._start(line) != begin:
-            raise MeshReadError(f"line {self._number(line - 1)}: not as many numbers as announced")
+            raise MeshReadError(f"line {self._number(line - 1)}: the vertices or faces do not begin on a new line")
         if line + count > len(self.starts):
             raise self._early(count, len(self.starts) - line, begin)
         return line, line + count

@@ -1,7 +1,9 @@
 """stl files, binary or text: facets that share no corners.
 
-The length identifies a binary file, whatever its header begins with: 84 bytes, and 50 for each facet that the header
-announces. Bytes after the last facet are skipped. In text, line ends matter only after the names of solids.
+A binary file is recognised by its length, whatever its header begins with: 84 bytes, and 50 for each facet that the
+header announces. It may also be longer, if its first facets have plausible coordinates. Bytes after the last facet are
+skipped. In text, several keywords may share a line. The name of a solid ends at the end of its line, or before `facet
+normal`.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ _WORDS: Final = (*_BOUNDS, b"vertex", b"color")
 
 
 def recognises(data: bytes) -> bool:
-    """Return whether a file has the length of a binary stl file, or begins like a text one."""
+    """Return whether a file is long enough for a binary stl file and looks like one, or begins like a text one."""
     return _binary(data) or _text(data)
 
 
@@ -65,7 +67,7 @@ def _text(data: bytes) -> bool:
 
 
 def announced(data: bytes) -> tuple[int, int]:
-    """Return 0 vertices, because equal corners are not merged yet, and the number of facets.
+    """Return 0 for the number of vertices, which is unknown until equal corners are merged, and the number of facets.
 
     A binary file announces this number. In text, the ends of facets are counted.
     """

@@ -15,11 +15,11 @@ Range = tuple[float, float]
 Vector = tuple[float, float, float]
 
 BLEND = 0.5
-"""Width of the blend at a joint, as a share of the thinner bone's radius there."""
+"""Width of the blend of two bones, as a share of the smallest of their four end radii."""
 
 ATTEMPTS = 400
 SHRINKING = 0.985
-"""Factor of all angles after each rejected pose. The search ends, because the rest pose is valid."""
+"""Factor of all angles after each rejected pose, so that the poses approach the rest pose, which is valid."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Bone:
         Radii at the start and at the end. They differ by less than `length`.
     direction : three floats
         Direction of the axis in the rest pose, in the frame of the figure: x left, y front, z up.
-    bend : up to three ranges
+    bend : three ranges
         Limits of the rotation about the x, y and z axes relative to the parent, in degrees. All 0 for a rigid joint.
     at : float, default 1.0
         Start of the bone on the axis of its parent, from 0 to 1.
@@ -115,8 +115,8 @@ class Skeleton:
         generator : numpy.random.Generator
             Source of the angles.
         clearance : float
-            Parts of the skin with a larger gap than this in the rest pose keep half of that gap, or twice this
-            clearance if that is less.
+            Balls (see `_gaps`) of two bones that do not blend, with a gap wider than `clearance` in the rest pose, keep
+            a gap of at least half that width or 2 * clearance, whichever is less.
         """
         limits = np.array([bone.bend for bone in self.bones])  # (b, 3, 2)
         at_rest = _gaps(self.rest())

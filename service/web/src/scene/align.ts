@@ -7,7 +7,7 @@ const ROUNDS = 25;
 
 type Matrix = number[][];
 
-/** Return the second form turned, perhaps mirrored, so that it lies best on the first; both centred and scaled alike. */
+/** Return both forms, each centred and scaled to size 1, the second turned, perhaps mirrored, to lie best on the first. */
 export function align(first: Float32Array, second: Float32Array): [Float32Array, Float32Array] {
   const [a, b] = [unit(first), unit(second)];
   const [onto, from] = [sample(a), sample(b)];

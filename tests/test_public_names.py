@@ -14,8 +14,8 @@ NAMES = {
     "LocalSignatures", "MeshPolicy", "Parameters", "PictureRequest", "Signature", "Surface", "UnbendError",
     "VoronoiDiagram", "canonical_form", "compare", "compare_parts", "compute_signature", "effective_dimension",
     "embed", "farthest_point_sampling", "flatten", "geodesic_distances", "geodesic_matrix", "geodesic_path",
-    "geodesic_voronoi", "iso_contours", "key_points", "local_signatures", "match", "read_mesh", "render_picture",
-    "representation_errors", "symmetry", "transfer", "transfer_landmarks",
+    "geodesic_voronoi", "iso_contours", "key_points", "load_signature", "local_signatures", "match", "read_mesh",
+    "render_picture", "representation_errors", "save_signature", "symmetry", "transfer", "transfer_landmarks",
 }  # fmt: skip
 
 

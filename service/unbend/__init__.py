@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from unbend.render.picture import render_picture
     from unbend.render.request import PictureRequest
     from unbend.signature.canonical_form import CanonicalForm, canonical_form
+    from unbend.signature.files import load_signature, save_signature
     from unbend.signature.flattening import Flattening, flatten
     from unbend.signature.parameters import Parameters
     from unbend.signature.pipeline import compute_signature
@@ -69,11 +70,13 @@ _MODULES = {
     "geodesic_voronoi": "unbend.geodesics.voronoi",
     "iso_contours": "unbend.geodesics.contours",
     "key_points": "unbend.local.key_points",
+    "load_signature": "unbend.signature.files",
     "local_signatures": "unbend.local.signatures",
     "match": "unbend.correspondence.match",
     "read_mesh": "unbend.mesh.read",
     "render_picture": "unbend.render.picture",
     "representation_errors": "unbend.embedding.dimension",
+    "save_signature": "unbend.signature.files",
     "symmetry": "unbend.correspondence.symmetry",
     "transfer": "unbend.correspondence.transfer",
     "transfer_landmarks": "unbend.correspondence.transfer",
@@ -111,11 +114,13 @@ __all__ = [
     "geodesic_voronoi",
     "iso_contours",
     "key_points",
+    "load_signature",
     "local_signatures",
     "match",
     "read_mesh",
     "render_picture",
     "representation_errors",
+    "save_signature",
     "symmetry",
     "transfer",
     "transfer_landmarks",

@@ -38,7 +38,7 @@
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
     ├── IdempotencyError          a different request had the same idempotency key
-    └── ServiceError              the service responded with a problem, or not at all
+    └── ServiceError              the service did not respond, or responded with an unknown error
 
 `code` is the stable, lower-case name of an error for programs, in failed jobs and in HTTP problem documents. `advice`
 tells the caller in one sentence what to do.
@@ -46,7 +46,8 @@ tells the caller in one sentence what to do.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from types import MappingProxyType
 from typing import ClassVar, TypeVar
 
 
@@ -54,7 +55,11 @@ class UnbendError(Exception):
     """Base of all errors of this package."""
 
     code: ClassVar[str] = "error"
-    advice: ClassVar[str] = ""
+    advice: str = ""
+    status: int | None = None
+    """The status of the response, if a service reported the error to a client."""
+    problem: Mapping[str, object] = MappingProxyType({})
+    """The problem document (RFC 9457), if a service reported the error to a client."""
 
 
 class MeshError(UnbendError, ValueError):
@@ -337,14 +342,26 @@ class IdempotencyError(UnbendError, ValueError):
 
 
 class ServiceError(UnbendError):
-    """The service responded with a problem (RFC 9457), or could not be reached."""
+    """The service could not be reached, or responded with an error that has no class of its own."""
 
     code = "service"
 
-    def __init__(self, message: str, *, status: int | None = None, problem: dict[str, object] | None = None):
-        super().__init__(message)
-        self.status = status
-        self.problem = problem or {}
+
+def reported(
+    code: object,
+    message: str,
+    *,
+    advice: str = "",
+    status: int | None = None,
+    problem: Mapping[str, object] | None = None,
+) -> UnbendError:
+    """Return the error that a service reported, of the class that has its code; ServiceError if no class has it."""
+    kinds = {kind.code: kind for kind in subclasses(UnbendError) if kind is not UnbendError}
+    error = kinds.get(str(code), ServiceError)(message)
+    error.advice = advice or error.advice
+    error.status = status
+    error.problem = MappingProxyType(dict(problem or {}))
+    return error
 
 
 T = TypeVar("T", bound=UnbendError)

@@ -37,6 +37,13 @@ class JsonObject:
         return cls(**values)
 
     @classmethod
+    def of(cls, given: Self | Mapping[str, Any] | None) -> Self:
+        """Return `given`, or an instance of its fields; all fields have their defaults if it is None."""
+        if isinstance(given, Mapping) or given is None:
+            return cls.from_dict(given or {})
+        return given
+
+    @classmethod
     def from_json(cls, text: str) -> Self:
         """Create an instance from JSON text; ParameterError if it is not an object of known fields."""
         values = parse_json(text, cls.display_name)

@@ -20,7 +20,7 @@ from tests.support.problem import check
 from tests.support.server import SAMPLES, Server, post_mesh, small_mesh
 from unbend import Client, Library
 from unbend.api import Settings, create_app
-from unbend.errors import ServiceError
+from unbend.errors import KeyInvalidError, ScopeError
 
 FEW = json.dumps(SAMPLES)
 ALWAYS = {"x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "x-frame-options": "DENY"}
@@ -141,13 +141,16 @@ def test_a_request_without_a_key_is_refused_before_its_body_arrives(keyed):
     connection.close()
 
 
-def test_the_client_sends_its_key_and_raises_errors_of_access(keyed):
+def test_the_client_sends_its_key_and_raises_errors_of_access(keyed, monkeypatch):
     with Client(keyed.server.url, keyed.reader) as client:
         assert client.request("GET", "/v1/shapes").status_code == 200
-        with pytest.raises(ServiceError) as caught:
+        with pytest.raises(ScopeError) as caught:
             client.submit(small_mesh(1))
-        assert (caught.value.status, caught.value.problem["code"]) == (403, "scope_insufficient")
-    with Client(keyed.server.url, "unbend_x_y") as client, pytest.raises(ServiceError, match="no key") as caught:
+        assert (caught.value.status, caught.value.advice) == (403, ScopeError.advice)
+    monkeypatch.setenv("UNBEND_API_KEY", keyed.reader)
+    with Client(keyed.server.url) as client:
+        client.classes()
+    with Client(keyed.server.url, "unbend_x_y") as client, pytest.raises(KeyInvalidError, match="no key") as caught:
         client.submit(small_mesh(1))
     assert caught.value.status == 401
 

@@ -33,9 +33,11 @@ from unbend import AsyncClient, Client, Library, Parameters, compute_signature, 
 from unbend.client import protocol
 from unbend.errors import (
     JobCancelledError,
+    MeshFormatError,
     MeshGeometryError,
     MeshReadError,
     NotFoundError,
+    ParameterError,
     ServiceError,
 )
 
@@ -161,14 +163,16 @@ def test_waiting_raises_a_timeout_and_a_cancelled_job_raises_its_error(client, k
         job.result()
 
 
-def test_a_refused_request_raises_a_service_error_with_the_problem(client):
-    with pytest.raises(ServiceError, match="samples") as caught:
+def test_a_refused_request_raises_the_error_of_the_library_with_the_problem(client):
+    with pytest.raises(ParameterError, match="samples") as caught:
         client.submit(small_mesh(0), parameters={"samples": 1})
-    assert caught.value.status == 422
-    assert caught.value.problem["code"] == "parameter_invalid"
-    with pytest.raises(ServiceError) as caught:
+    assert (caught.value.status, caught.value.problem["code"]) == (422, "parameter_invalid")
+    with pytest.raises(MeshFormatError) as caught:
         client.submit(b"no mesh")
-    assert (caught.value.status, caught.value.problem["code"]) == (415, "mesh_format")
+    assert (caught.value.status, caught.value.advice) == (415, MeshFormatError.advice)
+    with pytest.raises(ParameterError, match="k") as caught:
+        client.query(small_mesh(0), k=0)
+    assert caught.value.problem["code"] == "request_invalid"
 
 
 def test_an_unknown_id_raises_not_found(client):
@@ -208,7 +212,7 @@ def test_a_mesh_is_read_by_its_policy(client, kind):
     with pytest.raises(MeshGeometryError, match="2 components"):
         client.submit(data, policy={"components": "error"}).result(PATIENCE)
     for call in (client.submit, client.query):
-        with pytest.raises(ServiceError, match="max_vertices") as caught:
+        with pytest.raises(ParameterError, match="max_vertices") as caught:
             call(data, policy={"max_vertices": 0})
         assert caught.value.status == 422
 
@@ -226,10 +230,27 @@ def test_shapes_of_a_label_are_listed_in_order(client, mesh, server, kind):
 
 def test_an_unreachable_service_raises_a_service_error(kind):
     made, close = make_client(kind, "http://127.0.0.1:9")
-    with pytest.raises(ServiceError, match="could not be reached") as caught:
+    with pytest.raises(ServiceError, match=r"the service at http://127\.0\.0\.1:9 could not be reached") as caught:
         made.classes()
     assert caught.value.status is None
     close()
+
+
+def test_the_address_comes_from_the_environment(server, monkeypatch):
+    monkeypatch.delenv("UNBEND_URL", raising=False)
+    with pytest.raises(ServiceError, match="set UNBEND_URL"):
+        Client()
+    monkeypatch.setenv("UNBEND_URL", server.url)
+    with Client() as made:
+        assert isinstance(made.classes(), dict)
+
+
+def test_a_mesh_in_memory_is_uploaded(client, mesh, kind):
+    surface = read_mesh(mesh(13))
+    shape = client.submit(surface, parameters=Parameters(**SAMPLES)).result(PATIENCE)
+    expected = compute_signature(surface, SAMPLES)
+    assert client.signature(shape["id"])["points"] == expected.points.tolist()
+    assert client.query((surface.vertices, surface.faces), parameters=SAMPLES)["shapes"][0]["distance"] == 0.0
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:8000", "ftp://127.0.0.1", "http://host:port", ""])

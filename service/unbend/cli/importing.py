@@ -24,7 +24,7 @@ from unbend.cli.options import (
     warn,
     warn_of,
 )
-from unbend.errors import MeshError, ParameterError, ServiceError, UnbendError
+from unbend.errors import AccessError, MeshError, ParameterError, ServiceError, UnbendError
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import DEFAULT_LIBRARY, printable
 
@@ -177,9 +177,7 @@ def _outcome(updated: Sequence[str], *, is_new: bool) -> Outcome:
 
 def _fails_for_all(error: Exception) -> bool:
     """Return whether an error will repeat for every file: no service, no right to write, or refused options."""
-    return isinstance(error, ServiceError) and (
-        error.status in {None, 401, 403} or error.problem.get("code") == ParameterError.code
-    )
+    return isinstance(error, ServiceError | AccessError | ParameterError)
 
 
 def _end_of(file: LabelledFile, job: Job) -> _Ended:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -14,6 +13,10 @@ import httpx
 from unbend.client import protocol
 from unbend.client.events import EventReader
 from unbend.client.protocol import FINISHED, POLL_SECONDS, Details, Json, MeshFile, QueryOptions
+from unbend.client.retries import RETRY_SECONDS, Attempts
+from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.sources import MeshSource
+from unbend.signature.parameters import Parameters
 
 _TIMEOUT = httpx.Timeout(POLL_SECONDS + 30.0, connect=10.0)
 
@@ -78,17 +81,21 @@ class Client:
 
     Parameters
     ----------
-    base_url : str
-        For example "http://127.0.0.1:8000".
+    base_url : str, optional
+        For example "http://127.0.0.1:8000"; by default the environment variable UNBEND_URL.
     api_key : str, optional
+        By default the environment variable UNBEND_API_KEY.
+    retry_seconds : float, default 600
+        How long a request waits and is repeated while the service is at a limit.
 
     Raises
     ------
-    NotFoundError
-        By every method, if there is no such shape or job.
+    UnbendError
+        By every method, the error that the service reports, of the same class as in the library: for example
+        NotFoundError if there is no such shape or job, and ParameterError if a value is refused. `status` and
+        `problem` have the whole response.
     ServiceError
-        By every method, if the service refuses the request or cannot be reached. While the service is at a limit,
-        requests wait and retry.
+        By every method, if the service cannot be reached. A request is repeated first, if it is safe to repeat it.
 
     Examples
     --------
@@ -97,7 +104,10 @@ class Client:
     ...     client.query("unknown.ply")["classes"][0]["label"]
     """
 
-    def __init__(self, base_url: str, api_key: str | None = None) -> None:
+    def __init__(
+        self, base_url: str | None = None, api_key: str | None = None, *, retry_seconds: float = RETRY_SECONDS
+    ) -> None:
+        self._retry_seconds = retry_seconds
         self._http = httpx.Client(
             base_url=protocol.address(base_url), headers=protocol.headers(api_key), timeout=_TIMEOUT
         )
@@ -115,26 +125,31 @@ class Client:
         self._http.close()
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """Send any request of the HTTP API; while the service is at a limit, wait and retry."""
+        """Send any request of the HTTP API, and repeat it as `Attempts` says."""
+        attempts = Attempts.of(method, httpx.Headers(options.get("headers")), self._retry_seconds)
         while True:
             try:
                 response = self._http.request(method, path, **options)
-            except (httpx.TransportError, httpx.InvalidURL) as error:
-                raise protocol.unreachable(error) from error
-            pause = protocol.retry_after(response)
-            if pause is None:
-                return protocol.checked(response)
+                pause = attempts.pause_after(response)
+                if pause is None:
+                    return protocol.checked(response)
+            except httpx.TransportError as error:
+                pause = attempts.pause_after_error(error)
+                if pause is None:
+                    raise protocol.unreachable(self._http.base_url, error) from error
+            except httpx.InvalidURL as error:
+                raise protocol.unreachable(self._http.base_url, error) from error
             time.sleep(pause)
 
     def submit(
         self,
-        source: bytes | str | Path,
+        source: MeshSource,
         *,
         name: str | None = None,
         label: str | None = None,
         metadata: Mapping[str, Any] | None = None,
-        parameters: Mapping[str, Any] | None = None,
-        policy: Mapping[str, Any] | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
+        policy: MeshPolicy | Mapping[str, Any] | None = None,
         if_known: str | None = None,
     ) -> Job:
         """Upload a mesh to store it, and return its job. `result()` is the shape, at once if it is stored already.
@@ -145,23 +160,23 @@ class Client:
         content = protocol.upload_content(
             MeshFile.of(source), Details(name, label, metadata, parameters, policy, if_known)
         )
-        response = self.request("POST", "/v1/shapes", **content)
+        response = self.request("POST", "/v1/shapes", headers=protocol.once(), **content)
         return Job(self, *protocol.submitted(response))
 
     def query(
         self,
-        source: bytes | str | Path,
+        source: MeshSource,
         *,
         measure: str | None = None,
         classifier: str | None = None,
         k: int = 10,
-        parameters: Mapping[str, Any] | None = None,
-        policy: Mapping[str, Any] | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
+        policy: MeshPolicy | Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
         """Return the ranking of classes and shapes for a mesh, without storing it."""
         content = protocol.query_content(MeshFile.of(source), QueryOptions(measure, classifier, k), parameters, policy)
-        response = self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
+        response = self.request("POST", "/v1/queries", headers=protocol.once() | protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
         return Job(self, response.json()).result(timeout)
@@ -223,7 +238,7 @@ class Client:
 
     def job_events(self, job_id: str) -> Iterator[Json]:
         """Yield a job at each change until it ends; NotFoundError if there is none of this id."""
-        reader = EventReader()
+        reader = EventReader(self._http.base_url)
         while True:
             broken: Exception | None = None
             try:
@@ -248,13 +263,15 @@ class Client:
         self,
         *,
         measure: str | None = None,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
         distance: str | None = None,
     ) -> Json:
         """Return the map of the stored shapes; `distance` is "l1" or "squared_l2"."""
         return dict(self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance)).json())
 
-    def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
+    def evaluation(
+        self, *, measure: str | None = None, parameters: Parameters | Mapping[str, Any] | None = None
+    ) -> Json:
         """Return the retrieval metrics of the stored shapes."""
         return dict(self.request("GET", "/v1/evaluation", params=protocol.overview(measure, parameters)).json())
 
@@ -315,7 +332,10 @@ class AsyncJob:
 class AsyncClient:
     """`Client` for asyncio, with the same methods."""
 
-    def __init__(self, base_url: str, api_key: str | None = None) -> None:
+    def __init__(
+        self, base_url: str | None = None, api_key: str | None = None, *, retry_seconds: float = RETRY_SECONDS
+    ) -> None:
+        self._retry_seconds = retry_seconds
         self._http = httpx.AsyncClient(
             base_url=protocol.address(base_url), headers=protocol.headers(api_key), timeout=_TIMEOUT
         )
@@ -333,26 +353,31 @@ class AsyncClient:
         await self._http.aclose()
 
     async def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        """Send any request of the HTTP API; while the service is at a limit, wait and retry."""
+        """Send any request of the HTTP API, and repeat it as `Attempts` says."""
+        attempts = Attempts.of(method, httpx.Headers(options.get("headers")), self._retry_seconds)
         while True:
             try:
                 response = await self._http.request(method, path, **options)
-            except (httpx.TransportError, httpx.InvalidURL) as error:
-                raise protocol.unreachable(error) from error
-            pause = protocol.retry_after(response)
-            if pause is None:
-                return protocol.checked(response)
+                pause = attempts.pause_after(response)
+                if pause is None:
+                    return protocol.checked(response)
+            except httpx.TransportError as error:
+                pause = attempts.pause_after_error(error)
+                if pause is None:
+                    raise protocol.unreachable(self._http.base_url, error) from error
+            except httpx.InvalidURL as error:
+                raise protocol.unreachable(self._http.base_url, error) from error
             await asyncio.sleep(pause)
 
     async def submit(
         self,
-        source: bytes | str | Path,
+        source: MeshSource,
         *,
         name: str | None = None,
         label: str | None = None,
         metadata: Mapping[str, Any] | None = None,
-        parameters: Mapping[str, Any] | None = None,
-        policy: Mapping[str, Any] | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
+        policy: MeshPolicy | Mapping[str, Any] | None = None,
         if_known: str | None = None,
     ) -> AsyncJob:
         """Upload a mesh to store it, and return its job. `result()` is the shape, at once if it is stored already.
@@ -362,23 +387,25 @@ class AsyncClient:
         """
         mesh = await asyncio.to_thread(MeshFile.of, source)
         content = protocol.upload_content(mesh, Details(name, label, metadata, parameters, policy, if_known))
-        return AsyncJob(self, *protocol.submitted(await self.request("POST", "/v1/shapes", **content)))
+        return AsyncJob(
+            self, *protocol.submitted(await self.request("POST", "/v1/shapes", headers=protocol.once(), **content))
+        )
 
     async def query(
         self,
-        source: bytes | str | Path,
+        source: MeshSource,
         *,
         measure: str | None = None,
         classifier: str | None = None,
         k: int = 10,
-        parameters: Mapping[str, Any] | None = None,
-        policy: Mapping[str, Any] | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
+        policy: MeshPolicy | Mapping[str, Any] | None = None,
         timeout: float | None = None,
     ) -> Json:
         """Return the ranking of classes and shapes for a mesh, without storing it."""
         mesh = await asyncio.to_thread(MeshFile.of, source)
         content = protocol.query_content(mesh, QueryOptions(measure, classifier, k), parameters, policy)
-        response = await self.request("POST", "/v1/queries", headers=protocol.IN_PLACE, **content)
+        response = await self.request("POST", "/v1/queries", headers=protocol.once() | protocol.IN_PLACE, **content)
         if response.status_code == httpx.codes.OK:
             return dict(response.json())
         return await AsyncJob(self, response.json()).result(timeout)
@@ -438,7 +465,7 @@ class AsyncClient:
 
     async def job_events(self, job_id: str) -> AsyncIterator[Json]:
         """Yield a job at each change until it ends; NotFoundError if there is none of this id."""
-        reader = EventReader()
+        reader = EventReader(self._http.base_url)
         while True:
             broken: Exception | None = None
             try:
@@ -464,7 +491,7 @@ class AsyncClient:
         self,
         *,
         measure: str | None = None,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
         distance: str | None = None,
     ) -> Json:
         """Return the map of the stored shapes; `distance` is "l1" or "squared_l2"."""
@@ -472,6 +499,8 @@ class AsyncClient:
             (await self.request("GET", "/v1/map", params=protocol.overview(measure, parameters, distance))).json()
         )
 
-    async def evaluation(self, *, measure: str | None = None, parameters: Mapping[str, Any] | None = None) -> Json:
+    async def evaluation(
+        self, *, measure: str | None = None, parameters: Parameters | Mapping[str, Any] | None = None
+    ) -> Json:
         """Return the retrieval metrics of the stored shapes."""
         return dict((await self.request("GET", "/v1/evaluation", params=protocol.overview(measure, parameters))).json())

@@ -21,6 +21,8 @@ _ABSENT_STATUSES = frozenset({502, 503, 504})
 class EventReader:
     """Reads the events of a job over successive connections (WHATWG HTML, section 9.2.6)."""
 
+    url: httpx.URL
+    """Address of the service, for errors."""
     done: bool = False
     pause: float = 1.0
     """Seconds before the next connection, set by the service."""
@@ -78,5 +80,5 @@ class EventReader:
         """
         self._absent_seconds += self.pause
         if not self._has_responded or self._absent_seconds > _MAX_ABSENCE_SECONDS:
-            raise unreachable(error or ServiceError("the events ended before the job"))
+            raise unreachable(self.url, error or ServiceError("the events ended before the job"))
         return self.pause

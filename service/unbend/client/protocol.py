@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,32 +12,25 @@ from typing import Any, Final, TypedDict
 
 import httpx
 
-from unbend.errors import (
-    JobError,
-    MeshError,
-    NotFoundError,
-    ParameterError,
-    ServiceError,
-    StoreError,
-    UnbendError,
-    subclasses,
-)
+from unbend.errors import JobError, NotFoundError, ParameterError, ServiceError, reported
+from unbend.jsons import JsonObject
+from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.sources import MeshSource, bytes_of
 from unbend.names import MAX_TEXT, printable
+from unbend.signature.parameters import Parameters
 
 Json = dict[str, Any]
 
 POLL_SECONDS: Final = 30.0
 """Longest time of a long poll."""
 
+_REFUSED: Final = "request_invalid"
+"""The code of a request that the service's own validation refuses."""
+
 FINISHED: Final = frozenset({"succeeded", "failed", "cancelled"})
 
 IN_PLACE: Final = {"Prefer": f"wait={POLL_SECONDS:.0f}"}
 """Header that requests the ranking of a query in the response itself, if the ranking is ready in time."""
-
-_JOB_ERRORS: Final[dict[str, type[UnbendError]]] = {
-    kind.code: kind for base in (MeshError, ParameterError, StoreError, JobError) for kind in subclasses(base)
-}
-"""Classes of the errors that a job can have, by code."""
 
 
 class Content(TypedDict, total=False):
@@ -55,13 +50,13 @@ class MeshFile:
     """Name of the shape, if the service cannot derive it from the file name."""
 
     @classmethod
-    def of(cls, source: bytes | str | Path) -> MeshFile:
-        """Return a mesh from bytes or a path."""
-        if isinstance(source, bytes):
-            return cls(source, "unnamed")
-        path = Path(source)
-        name, title = printable(path.name), printable(path.stem)[:MAX_TEXT]
-        return cls(path.read_bytes(), name, title if "\\" in name else None)  # servers read \ as a path separator
+    def of(cls, source: MeshSource) -> MeshFile:
+        """Return the file of a mesh; see `bytes_of`."""
+        file = bytes_of(source)
+        if not file.name:
+            return cls(file.data, "unnamed")
+        name, title = printable(file.name), printable(Path(file.name).stem)[:MAX_TEXT]
+        return cls(file.data, name, title if "\\" in name else None)  # servers read \ as a path separator
 
 
 @dataclass(frozen=True)
@@ -71,8 +66,8 @@ class Details:
     name: str | None = None
     label: str | None = None
     metadata: Mapping[str, Any] | None = None
-    parameters: Mapping[str, Any] | None = None
-    policy: Mapping[str, Any] | None = None
+    parameters: Parameters | Mapping[str, Any] | None = None
+    policy: MeshPolicy | Mapping[str, Any] | None = None
     if_known: str | None = None
 
 
@@ -91,19 +86,25 @@ class QueryOptions:
 
 
 def query_content(
-    mesh: MeshFile, options: QueryOptions, parameters: Mapping[str, Any] | None, policy: Mapping[str, Any] | None
+    mesh: MeshFile,
+    options: QueryOptions,
+    parameters: Parameters | Mapping[str, Any] | None,
+    policy: MeshPolicy | Mapping[str, Any] | None,
 ) -> Content:
     """Return the multipart form of a query by file."""
     return _content(mesh, vars(options) | {"parameters": parameters, "policy": policy})
 
 
 def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
-    data = {
-        name: json.dumps(dict(value)) if isinstance(value, Mapping) else str(value)
-        for name, value in fields.items()
-        if value is not None
-    }
+    data = {name: _text(value) for name, value in fields.items() if value is not None}
     return {"files": {"file": (mesh.name, mesh.data)}, "data": data}
+
+
+def _text(value: object) -> str:
+    """Return a field of a form as text: JSON for objects."""
+    if isinstance(value, JsonObject):
+        return value.to_json()
+    return json.dumps(dict(value)) if isinstance(value, Mapping) else str(value)
 
 
 def shape_query(shape_id: str, options: QueryOptions) -> Json:
@@ -117,9 +118,11 @@ def match(a: str, b: str, orientation: str | None, samples: int | None) -> Json:
     return {"a": a, "b": b} | {name: value for name, value in given.items() if value is not None}
 
 
-def overview(measure: str | None, parameters: Mapping[str, Any] | None, distance: str | None = None) -> dict[str, str]:
+def overview(
+    measure: str | None, parameters: Parameters | Mapping[str, Any] | None, distance: str | None = None
+) -> dict[str, str]:
     """Return the parameters of a map or an evaluation."""
-    text = None if parameters is None else json.dumps(dict(parameters))
+    text = None if parameters is None else _text(parameters)
     given = {"measure": measure, "parameters": text, "distance": distance}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -152,28 +155,33 @@ def submitted(response: httpx.Response) -> tuple[Json, Json | None]:
     return body, None
 
 
-def address(base_url: str) -> httpx.URL:
-    """Return the URL of a service; ServiceError if it is malformed."""
+def address(base_url: str | None) -> httpx.URL:
+    """Return the URL of a service, by default that of UNBEND_URL; ServiceError if it is malformed or missing."""
+    given = base_url if base_url is not None else os.environ.get("UNBEND_URL")
+    if given is None:
+        raise ServiceError("the address of the service is missing: give base_url, or set UNBEND_URL")
     try:
-        return httpx.URL(base_url)
+        return httpx.URL(given)
     except httpx.InvalidURL as error:
-        raise ServiceError(f"{base_url} is not an address: {error}") from None
+        raise ServiceError(f"{given} is not an address: {error}") from None
 
 
 def headers(api_key: str | None) -> dict[str, str]:
-    """Return the headers of every request."""
-    return {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
+    """Return the headers of every request; the key is that of UNBEND_API_KEY by default."""
+    key = api_key if api_key is not None else os.environ.get("UNBEND_API_KEY")
+    return {"Authorization": f"Bearer {key}"} if key else {}
+
+
+def once() -> dict[str, str]:
+    """Return a header with a new idempotency key: the service runs a request once, however often it arrives."""
+    return {"Idempotency-Key": uuid.uuid4().hex}
 
 
 def checked(response: httpx.Response) -> httpx.Response:
-    """Return a successful response; raise an error for any other response.
+    """Return a successful response; raise the error that any other response reports.
 
-    Raises
-    ------
-    NotFoundError
-        On 404.
-    ServiceError
-        On any other error, with the problem document.
+    The error has the class of the problem's code, as if the library had raised it here, and the problem itself. It is
+    a ServiceError if no class has the code, as for the page of a proxy.
     """
     if response.is_success:
         return response
@@ -182,29 +190,26 @@ def checked(response: httpx.Response) -> httpx.Response:
     except ValueError:
         problem = {}
     problem = problem if isinstance(problem, dict) else {}
-    message = str(problem.get("detail") or f"the service responded {response.status_code}")
-    if response.status_code == httpx.codes.NOT_FOUND:
-        raise NotFoundError(message)
-    raise ServiceError(message, status=response.status_code, problem=problem)
-
-
-def retry_after(response: httpx.Response) -> float | None:
-    """Return the seconds to wait if the service is at a limit; None for any other response."""
-    busy = response.status_code == httpx.codes.SERVICE_UNAVAILABLE and "Retry-After" in response.headers
-    if response.status_code != httpx.codes.TOO_MANY_REQUESTS and not busy:
-        return None
-    value = response.headers.get("Retry-After", "1")
-    return float(value) if value.isdecimal() else 1.0
+    message = str(problem.get("detail") or f"{response.url} responded {response.status_code}")
+    missing = NotFoundError.code if response.status_code == httpx.codes.NOT_FOUND else ""
+    code = problem.get("code", missing)
+    raise reported(
+        ParameterError.code if code == _REFUSED else code,
+        message,
+        advice=str(problem.get("advice", "")),
+        status=response.status_code,
+        problem=problem,
+    )
 
 
 def outcome(job: Json) -> Json:
     """Return a job that succeeded; raise the error of any other job."""
     if job["state"] == "succeeded":
         return job
-    error = job.get("error") or {"code": "job_failed", "message": f"the job was {job['state']}"}
-    raise _JOB_ERRORS.get(error["code"], JobError)(error["message"])
+    error = job.get("error") or {"code": JobError.code, "message": f"the job was {job['state']}"}
+    raise reported(error["code"], error["message"], advice=error.get("advice", ""))
 
 
-def unreachable(error: Exception) -> ServiceError:
-    """Return the error of a service that did not respond."""
-    return ServiceError(f"the service could not be reached: {error}")
+def unreachable(url: httpx.URL, error: Exception) -> ServiceError:
+    """Return the error of a service at `url` that did not respond."""
+    return ServiceError(f"the service at {url} could not be reached: {error}")

@@ -27,6 +27,7 @@ from unbend.matching.evaluate import Evaluation, RetrievalMetrics
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
+from unbend.mesh.sources import MeshSource, bytes_of
 from unbend.names import DEFAULT_LIBRARY, MAX_TEXT, printable
 from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Parameters
@@ -111,29 +112,30 @@ class Library:
 
     def add(
         self,
-        source: bytes | str | Path,
+        source: MeshSource,
         *,
         name: str | None = None,
         label: str | None = None,
         metadata: dict[str, Any] | None = None,
-        parameters: Parameters | None = None,
-        policy: MeshPolicy | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
+        policy: MeshPolicy | Mapping[str, Any] | None = None,
         if_known: IfKnown = "keep",
     ) -> ShapeRecord:
         """Read a mesh, compute its signature and store both.
 
         Parameters
         ----------
-        source : bytes, str or Path
-            The bytes or the path of a mesh file.
+        source : bytes, str, Path, binary file, Surface, pair of arrays, or mesh object
+            A mesh, as `read_mesh` takes it. The library keeps the file; of a mesh in memory, it keeps a ply file of
+            double precision.
         name : str, optional
-            By default the stem of the path, or "unnamed".
+            By default the stem of the file's name, or "unnamed".
         label : str, optional
             The known class of the shape.
         metadata : dict, optional
             JSON values: at most 32 kB, 16 levels and 1000 members.
-        parameters : Parameters, optional
-        policy : MeshPolicy, optional
+        parameters : Parameters or mapping, optional
+        policy : MeshPolicy or mapping, optional
             How to read the mesh. Searches compare shapes that were read with different policies.
         if_known : {"keep", "update"}
             Whether a shape that is stored already, from the same file with the same parameters and policy, keeps its
@@ -157,24 +159,23 @@ class Library:
 
     def receive(
         self,
-        source: bytes | str | Path,
+        source: MeshSource,
         given: Mapping[str, Any],
         *,
-        parameters: Parameters | None = None,
-        policy: MeshPolicy | None = None,
+        parameters: Parameters | Mapping[str, Any] | None = None,
+        policy: MeshPolicy | Mapping[str, Any] | None = None,
         if_known: IfKnown = "keep",
     ) -> Received:
         """Add a mesh as `add` does, and return the outcome.
 
         `given` contains the name, label and metadata; None means not given.
         """
-        path = Path("unnamed") if isinstance(source, bytes) else Path(source)
-        request = ShapeRequest.of(printable(path.stem)[:MAX_TEXT], given, if_known)
-        data = source if isinstance(source, bytes) else path.read_bytes()
-        upload = Upload(data, path.suffix, parameters or Parameters(), policy or MeshPolicy())
+        file = bytes_of(source)
+        request = ShapeRequest.of(printable(Path(file.name or "unnamed").stem)[:MAX_TEXT], given, if_known)
+        upload = Upload(file.data, file.file_type, Parameters.of(parameters), MeshPolicy.of(policy))
         if known := self.shapes.find(upload.key):
             return Received(**vars(self.shapes.update_known(known, request)))
-        found = signature_of_file(data, upload.parameters, upload.policy, file_type=path.suffix, local=True)
+        found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
         surface, packed = found.surface, PackedSignature.of(found.signature)
         computed = ComputedShape(upload.key, packed, surface.area, surface.report.as_dict())
         return Received(self.shapes.add(upload, computed, request), is_new=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -16,24 +14,26 @@ from unbend.mesh.limits import UNLIMITED, MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.repair import repair
 from unbend.mesh.rows import equal_points
+from unbend.mesh.sources import MeshSource, arrays_of, bytes_of
 from unbend.mesh.surface import Surface
 from unbend.progress import Progress, ProgressCallback, ignore
 
 
 def read_mesh(
-    source: bytes | str | Path | BinaryIO,
+    source: MeshSource,
     *,
     file_type: str | None = None,
     policy: MeshPolicy | None = None,
     limits: MeshLimits | None = None,
     progress: ProgressCallback | None = None,
 ) -> Surface:
-    """Read a mesh from a path, bytes or a binary file object.
+    """Read a mesh from a file, or take one from memory, and check and repair it.
 
     Parameters
     ----------
-    source : bytes, str, Path or binary file
-        The mesh. Its content determines the format; polygons are cut into triangles.
+    source : bytes, str, Path, binary file, Surface, pair of arrays, or mesh object
+        The mesh. The content of a file determines its format; polygons are cut into triangles. A pair of arrays has
+        vertices (n, 3) and faces (m, 3). Mesh objects of trimesh, Open3D and meshio are taken as they are.
     file_type : str, optional
         "off", "obj", "ply", "stl" or "glb", for content that does not determine the format. The default is the
         extension of the path.
@@ -62,27 +62,36 @@ def read_mesh(
         If the file exceeds `limits`. Announced numbers are checked before the file is parsed.
     MeshGeometryError
         If the mesh has no usable surface, or the policy does not allow it.
+    ParameterError
+        If `source` is none of these.
     OSError
         If a path cannot be read.
+
+    Examples
+    --------
+    >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    >>> read_mesh((square, [[0, 1, 2], [0, 2, 3]])).area
+    1.0
     """
     report = progress or ignore
-    report(Progress("reading"))
-    data, hint = _bytes_of(source)
-    kind = detect_format(data, (file_type or hint).lower().lstrip("."))
     limits = limits or UNLIMITED
+    report(Progress("reading"))
+    if (given := arrays_of(source)) is not None:
+        limits.check(len(given.vertices), len(given.faces))
+        report(Progress("repairing"))
+        return repair(given.vertices, given.faces, policy=policy)
+    file = bytes_of(source)
+    data = file.data
+    kind = detect_format(data, (file_type or file.file_type).lower().lstrip("."))
     limits.check(*REGISTRY[kind].announced(data))
     parsed = _parse(data, kind, limits)
     report(Progress("repairing"))
     return repair(parsed.vertices, parsed.faces, file_type=kind, notes=parsed.notes, policy=policy)
 
 
-def _bytes_of(source: bytes | str | Path | BinaryIO) -> tuple[bytes, str]:
-    if isinstance(source, bytes):
-        return source, ""
-    if isinstance(source, str | Path):
-        path = Path(source)
-        return path.read_bytes(), path.suffix
-    return source.read(), ""
+def surface_of(source: MeshSource, *, progress: ProgressCallback | None = None) -> Surface:
+    """Return `source` if it is a `Surface`; read it by `read_mesh` with the default policy if it is anything else."""
+    return source if isinstance(source, Surface) else read_mesh(source, progress=progress)
 
 
 def _parse(data: bytes, kind: str, limits: MeshLimits) -> ParsedMesh:

@@ -13,6 +13,7 @@ from unbend.mesh.write import check_format, write_mesh
 from unbend.signature.canonical_form import CanonicalForm, in_space
 from unbend.signature.signature import Signature
 
+_ABOUT = ("asymmetry", "parameters", "version", "warnings", "boundary")  # fields that are no arrays
 _SPACE = 3  # dimensions that become coordinates; the next three become colours
 
 
@@ -25,8 +26,8 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
     file_type : str
         "ply", "obj", "off" or "glb": the signature surface in its first three dimensions. Missing dimensions are zero.
         The fourth to sixth dimension, if any, become colours of the vertices (`coordinate_colours`).
-        "json" or "npz": points, faces, samples, weights, descriptors, scale and stress. JSON also has the asymmetry,
-        parameters, version and warnings.
+        "json" or "npz": all fields except the local signatures. In npz, descriptors are arrays by their own names, and
+        "about" has the fields that are no arrays, as bytes of JSON.
 
     Raises
     ------
@@ -37,7 +38,9 @@ def export_signature(signature: Signature, file_type: str) -> bytes:
         return json.dumps(signature_as_dict(signature)).encode()
     if file_type == "npz":
         names = ("points", "faces", "samples", "weights", "scale", "stress")
-        return _npz({name: getattr(signature, name) for name in names} | signature.descriptors)
+        about = {name: value for name, value in signature_as_dict(signature).items() if name in _ABOUT}
+        arrays = {name: getattr(signature, name) for name in names} | signature.descriptors
+        return _npz(arrays | {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)})
     return _mesh_file(signature.points, signature.faces, file_type)
 
 
@@ -114,6 +117,7 @@ def signature_as_dict(signature: Signature) -> dict[str, object]:
         "parameters": signature.parameters.as_dict(),
         "version": signature.version,
         "warnings": list(signature.warnings),
+        "boundary": signature.boundary,
     }
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import BinaryIO
 
 from unbend.mesh.limits import MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
+from unbend.mesh.sources import MeshSource
 from unbend.mesh.surface import Surface
 from unbend.progress import ProgressCallback
 from unbend.signature.parameters import Parameters
@@ -25,7 +24,7 @@ class FileSignature:
 
 
 def signature_of_file(
-    source: bytes | str | Path | BinaryIO,
+    source: MeshSource,
     parameters: Parameters | None = None,
     policy: MeshPolicy | None = None,
     *,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -24,7 +25,9 @@ from unbend.geodesics.sampling import sample_farthest
 from unbend.geodesics.stencils import stencils_of
 from unbend.geodesics.voronoi import cell_areas
 from unbend.local.signatures import local_signatures
+from unbend.mesh.read import surface_of
 from unbend.mesh.smooth import boundary_edges
+from unbend.mesh.sources import MeshSource
 from unbend.mesh.surface import Surface
 from unbend.progress import Progress, ProgressCallback, ignore
 from unbend.signature.connectivity import signature_faces
@@ -39,8 +42,8 @@ _MANY_ITERATIONS = 100  # after this many iterations, progress shows half of the
 
 
 def compute_signature(
-    surface: Surface,
-    parameters: Parameters | None = None,
+    surface: MeshSource,
+    parameters: Parameters | Mapping[str, Any] | None = None,
     *,
     progress: ProgressCallback | None = None,
     threads: int | None = None,
@@ -50,9 +53,9 @@ def compute_signature(
 
     Parameters
     ----------
-    surface : Surface
-        Its faces must be connected, as `read_mesh` ensures.
-    parameters : Parameters, optional
+    surface : Surface, or anything that `read_mesh` takes
+        The faces of a `Surface` must be connected. Other meshes are read by `read_mesh` with the default policy.
+    parameters : Parameters or mapping, optional
         `Parameters()` by default.
     progress : callable, optional
         Called with a `Progress` from time to time.
@@ -69,7 +72,7 @@ def compute_signature(
     Raises
     ------
     MeshGeometryError
-        If the surface has no area, or its faces are not connected.
+        If the surface has no area, or its faces are not connected; other errors as by `read_mesh`.
     ParameterError
         If `threads` is below 1.
 
@@ -82,8 +85,9 @@ def compute_signature(
     >>> sorted(signature.descriptors)
     ['dimension', 'distribution', 'moments', 'reeb', 'spectrum', 'surface_moments']
     """
-    chosen = parameters or Parameters()
+    chosen = Parameters.of(parameters)
     report = progress or ignore
+    surface = surface_of(surface, progress=progress)
     if not surface.area > 0:
         raise MeshGeometryError("every face has zero area")
     if local:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -177,11 +178,24 @@ def write(vertices: Floats, faces: Ints, colours: Floats | None, _uv: Floats | N
     polygons = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     polygons["count"], polygons["corners"] = 3, faces
     properties = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {name}" for name in names]
+    return _head(len(vertices), properties, len(faces)) + points.tobytes() + polygons.tobytes()
+
+
+def write_exactly(vertices: Floats, faces: Indices) -> bytes:
+    """Return a binary ply file of double precision, which loses nothing."""
+    polygons = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
+    polygons["count"], polygons["corners"] = 3, faces
+    return _head(len(vertices), [f"property double {axis}" for axis in "xyz"], len(faces)) + (
+        np.asarray(vertices, "<f8").tobytes() + polygons.tobytes()
+    )
+
+
+def _head(vertices: int, properties: Sequence[str], faces: int) -> bytes:
     lines = [
-        "ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}", *properties,
-        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", "",
+        "ply", "format binary_little_endian 1.0", f"element vertex {vertices}", *properties,
+        f"element face {faces}", "property list uchar int vertex_indices", "end_header", "",
     ]  # fmt: skip
-    return "\n".join(lines).encode() + points.tobytes() + polygons.tobytes()
+    return "\n".join(lines).encode()
 
 
 PLY: Final = MeshFormat("ply", recognises, announced, read, write)

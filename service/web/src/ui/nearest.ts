@@ -15,6 +15,9 @@ export const MEASURES = [
 /** The measures that find the wholes of a part, and the parts of a whole. */
 export const PART_MEASURES: readonly string[] = ["partial", "partial_any_scale"];
 
+/** A smaller share of circles in their places is worth a remark. */
+const FEW_MATCHED = 0.8;
+
 /** The measures of vectors: fast enough for a map and an evaluation. */
 export const VECTOR_MEASURES = ["spectrum", "combined", "moments", "distribution", "dimension", "surface_moments"];
 
@@ -32,10 +35,11 @@ export function rankByShape(shapeId: string, measure: string | undefined, k: num
 function partWords({ relation, covered, matched, scale }: Part): string {
   const share = `${(100 * covered).toFixed(0)} %`;
   const what = {
-    part: `Part of it, ${share} of its area`, contains: `Contains it, as ${share} of the query's area`, whole: "A whole, as it is",
+    part: `Part of it, ${share} of its area`, contains: `Contains it, as ${share} of the query's area`, whole: "Neither is a part of the other",
   }[relation];
   const units = scale === 1 ? "" : `; at ${figure(scale)} times the size of the query`;
-  return `${what}${units}. ${(100 * matched).toFixed(0)} % of the circles keep their distances.`;
+  const doubt = matched < FEW_MATCHED ? `, but only ${(100 * matched).toFixed(0)} % of the compared circles keep their distances` : "";
+  return `${what}${units}${doubt}`;
 }
 
 /** The address of the match of a shape with a ranked one; a part comes first. */

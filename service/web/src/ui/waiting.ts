@@ -8,12 +8,17 @@ export interface Waiting {
   update: (job: JobSummary) => void;
 }
 
-export function waiting(first: string, cancel: () => void): Waiting {
+/** `steady` stays while the job runs, with its seconds, for jobs that have a single stage. */
+export function waiting(first: string, cancel: () => void, steady = false): Waiting {
   const bar = h("progress", { max: 1, "aria-label": "Progress" });
   const state = h("p", { class: "hint" }, first);
   const update = (job: JobSummary): void => {
-    state.textContent = job.state === "queued" ? `${job.position ?? 0} jobs before it` : job.stage;
-    bar.value = job.progress;
+    if (job.state === "queued") state.textContent = `${job.position ?? 0} jobs before it`;
+    else if (steady) state.textContent = `${first} ${(job.detail["seconds"] ?? 0).toFixed(0)} s`;
+    else {
+      state.textContent = job.stage;
+      bar.value = job.progress;
+    }
   };
   return { element: h("div", { class: "waiting" }, state, bar, button("Cancel", cancel, { class: "quiet" })), update };
 }

@@ -18,7 +18,6 @@ const TURNS = [
 const MOST_FACES = 1_000_000;
 /** Shapes of one kind have a smaller residual, different kinds a larger one. */
 const LARGE_RESIDUAL = 0.025;
-const LOW_CONFIDENCE = 0.4;
 
 /** Jobs of this session that have succeeded: the server keeps their files for a day. */
 const done = new Map<string, string>();
@@ -36,9 +35,9 @@ export async function matchView(parts: string[], query: URLSearchParams, signal:
     const mine = running.signal;
     const stopped = (): void => {
       running.abort();
-      place.replaceChildren(h("p", { class: "hint" }, "The match was cancelled. "), button("Match again", () => void run(turn), { class: "plain" }));
+      place.replaceChildren(h("p", { class: "hint" }, "The match was cancelled."), button("Match again", () => void run(turn), { class: "plain" }));
     };
-    const wait = waiting(`Matching ${first!.name} with ${second!.name} …`, stopped);
+    const wait = waiting(`Matching ${first!.name} with ${second!.name} …`, stopped, true);
     place.replaceChildren(wait.element);
     try {
       const job = await matched(first!.id, second!.id, turn, wait.update, mine);
@@ -193,7 +192,6 @@ function judgement(a: Shape, b: Shape, { found, confidence, share }: Matching): 
       `Distances change much between the two (residual ${figure(found.residual)}): they may be different kinds of things, or one may be a part of the other.`,
     !found.oriented && "The sides of the triangles did not tell left from right: left and right may be swapped.",
     found.ambiguous && "Another match is nearly as good, as for a symmetric or round body. The page shows one of them.",
-    mean < LOW_CONFIDENCE && "The confidence is low in most places.",
   ].filter((text) => text !== false);
   return h(
     "div",

@@ -92,7 +92,7 @@ def test_what_makes_a_match_doubtful_is_said(few: Server, open_page: OpenPage) -
 def test_a_match_is_cancelled_and_begun_again(few: Server, open_page: OpenPage) -> None:
     page = open_page("about:blank")
     polls = re.compile(r"/jobs/\w+\?wait=")
-    page.route(polls, lambda route: None)  # the job never seems to end
+    page.route(polls, lambda _: None)  # the job never seems to end
     page.goto(match_address(few))
     with page.expect_request(lambda request: request.method == "DELETE" and "/jobs/" in request.url):
         page.get_by_role("button", name="Cancel").click()

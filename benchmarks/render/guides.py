@@ -36,7 +36,14 @@ RESOLUTION: Final = 4000
 GREY: Final = np.array([0.78, 0.78, 0.78])
 BALL: Final = 0.035
 """Radius of a mark, over the square root of the area."""
-MARKS: Final = ((0.86, 0.2, 0.16), (0.13, 0.4, 0.83), (0.95, 0.66, 0.1), (0.17, 0.6, 0.3), (0.55, 0.25, 0.7))
+MARKS: Final = (
+    (0.86, 0.2, 0.16),
+    (0.13, 0.4, 0.83),
+    (0.95, 0.66, 0.1),
+    (0.17, 0.6, 0.3),
+    (0.55, 0.25, 0.7),
+    (0.1, 0.65, 0.7),
+)
 
 
 def main() -> None:
@@ -55,12 +62,12 @@ def match_colours() -> None:
 
 
 def match_landmarks() -> None:
-    """Draw five places marked on one body, and found on two others."""
-    first = figure("biped", 0, resolution=RESOLUTION)
+    """Draw six places marked on a hand, and found on two other poses."""
+    first = figure("hand", 0, resolution=RESOLUTION)
     marked = far_points(first, len(MARKS))
     cells = [drawn(plain(first), spheres(first, first.vertices[marked]), azimuth=30.0)]
-    for pose in (2, 4):
-        other = figure("biped", pose, resolution=RESOLUTION)
+    for pose in (2, 3):
+        other = figure("hand", pose, resolution=RESOLUTION)
         places = transfer(match(first, other), other.vertices)[marked]
         cells.append(drawn(plain(other), spheres(other, places), azimuth=30.0))
     save("match-landmarks", cells)

@@ -57,7 +57,7 @@ export async function matchView(parts: string[], query: URLSearchParams, signal:
     "section",
     { class: "match" },
     h("h1", {}, "Which point is which?"),
-    h("p", {}, "Each vertex of ", link(first), " has its point on ", link(second), ". Equal colours are equal places."),
+    h("p", {}, "Each vertex of ", link(first), " has its point on ", link(second), "."),
     h(
       "div",
       { class: "row" },
@@ -168,7 +168,7 @@ async function show(a: Shape, b: Shape, found: Found, job: string, query: URLSea
     element,
     legend,
     words,
-    viewer && h("p", { class: "hint" }, "Point at a place, or click it: the same place is marked on the other surface."),
+    viewer && h("p", { class: "hint" }, "Equal colours are equal places. Point at a place, or click it: the same place is marked on the other surface."),
     h(
       "div",
       { class: "controls" },

@@ -11,11 +11,13 @@ from playwright.sync_api import Page, expect
 from tests.support.server import Server
 from tests.web.conftest import OpenPage, Watched, shape_id
 
-VIEWS = ("library", "ask", "map", "evaluation", "shape", "flatten")
+VIEWS = ("library", "ask", "map", "evaluation", "shape", "flatten", "match")
 
 
 def view_address(server: Server, view: str) -> str:
-    part = f"/{shape_id(server, label='cat')}" if view in {"shape", "flatten"} else ""
+    part = f"/{shape_id(server, label='cat')}" if view in {"shape", "flatten", "match"} else ""
+    if view == "match":
+        part += f"/{shape_id(server, label='cat', order='newest')}"
     return f"{server.url}/#/{view}{part}"
 
 
@@ -23,7 +25,7 @@ def settled(page: Page, view: str) -> None:
     """Wait until a view shows what it is about."""
     shown = {
         "library": "li.card img[src]", "ask": ".drop", "map": ".classes-legend li", "evaluation": ".confusion .cell",
-        "shape": ".ranked li", "flatten": ".stage canvas",
+        "shape": ".ranked li", "flatten": ".stage canvas", "match": ".match canvas",
     }  # fmt: skip
     expect(page.locator(shown[view]).first).to_be_visible()
     if view == "shape":

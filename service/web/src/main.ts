@@ -17,6 +17,7 @@ const VIEWS: Record<string, () => Promise<Make>> = {
   library: async () => (await import("./views/library")).libraryView,
   shape: async () => (await import("./views/shape")).shapeView,
   pair: async () => (await import("./views/pair")).pairView,
+  match: async () => (await import("./views/match")).matchView,
   flatten: async () => (await import("./views/flatten")).flattenView,
   ask: async () => (await import("./views/ask")).askView,
   map: async () => (await import("./views/map")).mapView,

@@ -7,6 +7,7 @@ export type Shape = Schemas["Shape"];
 export type ShapePage = Schemas["ShapePage"];
 export type Job = Schemas["Job"];
 export type JobSummary = Schemas["JobSummary"];
+export type Part = Schemas["Part"];
 export type Ranking = Schemas["Ranking"];
 export type ShapeMap = Schemas["ShapeMap"];
 export type Evaluation = Schemas["EvaluationResult"];

@@ -120,6 +120,8 @@ export class Viewer {
   readonly canvas: HTMLCanvasElement;
   /** Called with the vertex that was clicked, and its pane. */
   onpick: ((vertex: number, pane: number) => void) | null = null;
+  /** Called with the vertex below the pointer, and its pane, if frames are fast enough to follow it. */
+  onhover: ((vertex: number, pane: number) => void) | null = null;
   /** Number of frames drawn, for measurements. */
   frames = 0;
   private readonly renderer: WebGLRenderer;
@@ -136,6 +138,7 @@ export class Viewer {
   private resting = 0;
   private pressed: { x: number; y: number } | null = null;
   private stacked = false;
+  private following = false;
 
   /** Throws if WebGL is missing. */
   constructor(contents: Content[], up: string, label: string) {
@@ -150,6 +153,7 @@ export class Viewer {
     this.controls.addEventListener("change", () => this.drawMoving());
     this.canvas.addEventListener("pointerdown", (event) => (this.pressed = { x: event.clientX, y: event.clientY }));
     this.canvas.addEventListener("pointerup", (event) => this.released(event));
+    this.canvas.addEventListener("pointermove", (event) => this.hovered(event));
     this.canvas.addEventListener("keydown", (event) => this.turnByKey(event));
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(this.canvas);
@@ -207,20 +211,20 @@ export class Viewer {
     this.draw();
   }
 
-  /** Mark vertices, and draw a line, in a pane. */
-  mark(pane: number, vertices: number[], line: Point[]): void {
+  /** Mark vertices or other points, and draw a line, in a pane. */
+  mark(pane: number, places: (number | Point)[], line: Point[]): void {
     const { content, marks } = this.panes[pane]!;
     for (const mark of [...marks.children]) {
       marks.remove(mark);
       (mark as ThreeMesh).geometry.dispose();
     }
-    const places = content.bend === 1 && content.form ? content.form : content.positions;
-    vertices.forEach((vertex, number) => {
+    const drawn = content.bend === 1 && content.form ? content.form : content.positions;
+    places.forEach((place, number) => {
       const ball = new ThreeMesh(
         new SphereGeometry(0.02 * this.size, 20, 14),
         new MeshBasicMaterial({ color: number ? 0x2f6fde : 0xe0442b }),
       );
-      ball.position.set(...at(places, vertex));
+      ball.position.set(...(typeof place === "number" ? at(drawn, place) : place));
       marks.add(ball);
     });
     if (line.length > 1) {
@@ -403,6 +407,20 @@ export class Viewer {
     const { pressed } = this;
     this.pressed = null;
     if (!pressed || Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) > 4 || !this.onpick) return;
+    this.below(event, this.onpick);
+  }
+
+  private hovered(event: PointerEvent): void {
+    if (!this.onhover || event.buttons || event.pointerType === "touch" || this.following || isSlow(this.cost)) return;
+    this.following = true;
+    requestAnimationFrame(() => {
+      this.following = false;
+      if (this.onhover) this.below(event, this.onhover);
+    });
+  }
+
+  /** Call with the vertex below the pointer, and its pane, if there is one. */
+  private below(event: PointerEvent, call: (vertex: number, pane: number) => void): void {
     const bounds = this.canvas.getBoundingClientRect();
     const [x, y] = [event.clientX - bounds.left, event.clientY - bounds.top];
     for (let number = 0; number < this.panes.length; number++) {
@@ -415,7 +433,7 @@ export class Viewer {
       const origin = this.camera.position.clone().applyQuaternion(back);
       const ray = ahead.unproject(this.camera).applyQuaternion(back).sub(origin).normalize();
       const found = pick(bentPlaces(content), content.faces, origin.toArray(), ray.toArray());
-      if (found >= 0) this.onpick(found, number);
+      if (found >= 0) call(found, number);
     }
   }
 

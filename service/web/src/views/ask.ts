@@ -1,15 +1,17 @@
 /** Ask what a mesh is, and what is like it. */
 
-import { ApiError, getBytes, send, type Job, type JobSummary, type Ranking } from "../api/client";
+import { ApiError, getBytes, send, type Job, type Ranking, type Shape } from "../api/client";
 import { finished, upload } from "../jobs";
 import type { View } from "../main";
 import { readGlb } from "../scene/glb";
 import { beside } from "../ui/beside";
 import { pick, takesDrops } from "../ui/drop";
 import { button, field, figure, h, percent, select } from "../ui/dom";
-import { measures, rankedList } from "../ui/nearest";
-import { describe, notify, report } from "../ui/notices";
+import { take } from "../ui/handed";
+import { matchAddress, measures, PART_MEASURES, rankedList } from "../ui/nearest";
+import { ask as question, describe, notify, report } from "../ui/notices";
 import { pictureOf } from "../ui/stage";
+import { waiting, type Waiting } from "../ui/waiting";
 
 const CLASSIFIERS = [
   ["nearest", "Nearest member"], ["vote", "Vote of neighbours"], ["mean", "Class mean"], ["discriminants", "Discriminants"],
@@ -31,15 +33,26 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
   );
   const answer = h("div", { class: "answer", "aria-live": "polite" });
   const comparison = h("div", { class: "comparison" });
+  const classes = select(CLASSIFIERS, classifier, (name) => ((classifier = name), void ask()));
   const options = h(
     "div",
     { class: "row" },
-    field("Measure", measures(null, measure, (name) => ((measure = name), void ask()))),
-    field("Classes by", select(CLASSIFIERS, classifier, (name) => ((classifier = name), void ask()))),
+    field("Measure", measures(null, measure, (name) => ((measure = name), limit(), void ask()))),
+    field("Classes by", classes),
   );
-  const element = h("section", { class: "ask" }, h("h1", {}, "What is this?"), drop, options, answer, comparison);
+  const partHint = h("p", { class: "hint" }, "For a piece of a shape: which whole is it a part of, and how much of it? “In any unit” also tries other sizes.");
+  const element = h("section", { class: "ask" }, h("h1", {}, "What is this?"), drop, options, partHint, answer, comparison);
   takesDrops(element, (found) => begin(found[0]?.file), signal);
   signal.addEventListener("abort", () => running.abort());
+  limit();
+
+  /** Parts have no classifier but the nearest member. */
+  function limit(): void {
+    const parts = PART_MEASURES.includes(measure);
+    classes.disabled = parts;
+    if (parts) classes.value = classifier = "nearest";
+    partHint.hidden = !parts;
+  }
 
   function begin(chosen: File | undefined): void {
     if (!chosen) return;
@@ -60,9 +73,8 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     running.abort();
     running = new AbortController();
     const mine = running.signal;
-    const bar = h("progress", { max: 1, "aria-label": "Progress" });
-    const state = h("p", { class: "hint" }, `Reading ${file.name} …`);
-    answer.replaceChildren(state, bar, button("Cancel", () => running.abort(), { class: "quiet" }));
+    const wait = waiting(`Reading ${file.name} …`, () => running.abort());
+    answer.replaceChildren(wait.element);
     const data = form(file);
     data.set("measure", measure);
     data.set("classifier", classifier);
@@ -70,11 +82,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     try {
       const response = await send("queries", { method: "POST", body: data, headers: { Prefer: "wait=1" }, signal: mine });
       if (response.status === 200) return show((await response.json()) as Ranking);
-      const progress = (job: JobSummary): void => {
-        state.textContent = job.state === "queued" ? `${job.position ?? 0} jobs before it` : job.stage;
-        bar.value = job.progress;
-      };
-      const job = await finished((await response.json()) as Job, progress, mine);
+      const job = await finished((await response.json()) as Job, wait.update, mine);
       if (job.error) throw new ApiError(422, job.error.code, job.error.message, job.error.advice);
       if (job.result) show(job.result);
     } catch (error) {
@@ -94,10 +102,17 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
       verdict(ranking),
       h("div", {}, (ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, text))),
       addForm(best && ranking.known !== false ? best.label : ""),
-      ranking.classes.length ? classes(ranking) : "",
+      ranking.classes.length ? classTable(ranking) : "",
       h("h2", {}, "Nearest shapes"),
       ranking.shapes.length
-        ? rankedList(ranking.shapes, (shape) => button("Compare", () => void compare(shape), { class: "quiet", "aria-label": `Compare ${shape.name} with the mesh` }))
+        ? rankedList(ranking.shapes, (shape) =>
+            h(
+              "div",
+              { class: "links" },
+              button("Compare", () => void compare(shape), { class: "quiet", "aria-label": `Compare ${shape.name} with the mesh` }),
+              button("Match points", () => void match(shape), { class: "quiet", "aria-label": `Match points of ${shape.name} with the mesh` }),
+            ),
+          )
         : h("p", { class: "hint" }, "The library has no shape to compare with."),
     );
   }
@@ -139,28 +154,73 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     }
   }
 
+  /** Matches are of stored shapes: store the mesh if the person agrees, and open the match. */
+  async function match(shape: Ranking["shapes"][number]): Promise<void> {
+    if (!file) return;
+    const asked = file;
+    const label = h("input", { type: "text", maxlength: 200, placeholder: "no class" });
+    const text = `Points are matched between two shapes of the library. ${asked.name} is not one yet. “Add and match” stores it; you can remove it later.`;
+    if (!(await question("Match points", "Add and match", h("p", {}, text), field("Class", label)))) return;
+    running.abort();
+    running = new AbortController();
+    const mine = running.signal;
+    const before = [...answer.childNodes];
+    const wait = waiting(`Storing ${asked.name} …`, () => running.abort());
+    answer.replaceChildren(wait.element);
+    try {
+      const id = await store(asked, label.value.trim(), wait.update, mine);
+      location.hash = matchAddress(id, shape);
+    } catch (error) {
+      if (running.signal === mine) answer.replaceChildren(...before);
+      if (!mine.aborted) report(error);
+    }
+  }
+
+  /** Store a mesh, and return its id. */
+  async function store(of: File, label: string, progress: Waiting["update"], until: AbortSignal): Promise<string> {
+    const data = form(of);
+    if (label) data.set("label", label);
+    const response = await send("shapes", { method: "POST", body: data, signal: until });
+    if (response.status === 200) return ((await response.json()) as Shape).id;
+    const sent = (await response.json()) as Job;
+    const cancel = (): void => void send(`jobs/${sent.id}`, { method: "DELETE" }).catch(() => null);
+    until.addEventListener("abort", cancel);
+    const job = await finished(sent, progress, until);
+    until.removeEventListener("abort", cancel);
+    if (job.error) throw new ApiError(422, job.error.code, job.error.message, job.error.advice);
+    if (!job.shape_id) throw new Error("The upload was cancelled.");
+    return job.shape_id;
+  }
+
+  begin(take() ?? undefined);
   return { title: "Ask", element };
 }
 
 function verdict(ranking: Ranking): HTMLElement {
   const best = ranking.classes[0];
   if (!best) return h("p", { class: "verdict" }, "The library has no classes yet, but it has shapes to compare with.");
+  const parts = PART_MEASURES.includes(ranking.measure);
   if (ranking.known === false) {
+    const unlike = parts
+      ? "It is much farther from the nearest shape than the same place of that shape is from other members of its class."
+      : "It is farther from every class than members of a class are from each other.";
     return h(
       "div",
       { class: "verdict unknown" },
       h("strong", {}, "Unknown"),
-      h("p", {}, `It is farther from every class than members of a class are from each other. The nearest class is ${best.label}, at a distance of ${figure(best.distance)}.`),
+      h("p", {}, `${unlike} The nearest class is ${best.label}, at a distance of ${figure(best.distance)}.`),
     );
   }
   const words =
     ranking.known === null
       ? "This class has too few members to tell whether the mesh really belongs to it."
-      : "It is as near to this class as its members are to each other.";
+      : parts
+        ? "It is as near to the nearest shape as the same place of other members of the class is."
+        : "It is as near to this class as its members are to each other.";
   return h("div", { class: "verdict" }, h("strong", {}, best.label), h("span", {}, ` confidence ${percent(best.confidence)}`), h("p", {}, words));
 }
 
-function classes(ranking: Ranking): HTMLElement {
+function classTable(ranking: Ranking): HTMLElement {
   return h(
     "table",
     { class: "classes" },

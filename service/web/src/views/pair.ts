@@ -17,5 +17,6 @@ export async function pairView(parts: string[], _: URLSearchParams, signal: Abor
     h("div", { class: "row" }, await Promise.all(shapes.map(({ id, name }) => pictureOf(id, name, { width: 480, height: 480 }))));
   const captions = shapes.map(({ id, name, label }) => h("a", { href: `#/shape/${id}` }, label ? `${name} (${label})` : name));
   const shown = await beside(readGlb(views[0]!), readGlb(views[1]!), title, fallback, signal, captions);
-  return { title, element: h("section", { class: "pair" }, h("h1", {}, title), shown) };
+  const match = h("a", { href: `#/match/${first.id}/${second.id}`, class: "quiet" }, "Which point is which");
+  return { title, element: h("section", { class: "pair" }, h("h1", {}, title), shown, h("p", {}, match)) };
 }

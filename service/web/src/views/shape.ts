@@ -4,8 +4,10 @@ import { getBytes, getJson, sendJson, type Distances, type Ranking, type Shape }
 import type { View } from "../main";
 import { at, centred, distance, vertexAreas, type Point } from "../scene/geometry";
 import { readGlb } from "../scene/glb";
+import { cutOff } from "../scene/patch";
 import { button, field, figure, h, percent, plural, select } from "../ui/dom";
-import { measures, rankByShape, rankedList } from "../ui/nearest";
+import { hand } from "../ui/handed";
+import { matchAddress, measures, rankByShape, rankedList } from "../ui/nearest";
 import { notify, report } from "../ui/notices";
 import { saveButton } from "../ui/save";
 import { pictureOf, stage } from "../ui/stage";
@@ -13,6 +15,7 @@ import { pictureOf, stage } from "../ui/stage";
 const UNKNOWN = 3.4e38; // the shader leaves such values uncoloured
 const CONTOURS = 18;
 const NEAREST = 12;
+const MOST_FACES = 1_000_000; // of a view from which a patch is cut
 const MEANINGS: Record<string, string> = {
   Stress: "How much distances in the signature differ from those along the surface: 0 if not at all",
   "Energy captured": "Share of the squared distances that the signature's dimensions represent",
@@ -89,6 +92,7 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
   let source: number | null = null; // vertices of the view
   let target: number | null = null;
   let distances: Float32Array | null = null; // from the source
+  let ofFile = new Float32Array(); // the same, by the numbers of the file
   let shows = "distance";
   let contours = true;
 
@@ -99,6 +103,7 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
     oninput: () => (recolour(), sayPatch()),
   });
   const patchWords = h("output", { class: "hint" });
+  const askButton = button("Ask with this patch", () => act(askWithPatch()), { class: "plain", disabled: true });
   const bend = h("input", {
     type: "range", min: 0, max: 1, step: 0.01, value: 0, "aria-label": "Bend the surface into its signature",
     oninput: () => viewer?.bend(0, Number(bend.value)),
@@ -137,17 +142,18 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
     to.value = "";
     lengths.textContent = "Measuring …";
     mark([]);
-    const data = new Float32Array(await getBytes(`shapes/${shape.id}/geodesics`, { source: number, format: "f32" }, signal));
-    distances = mesh.numbers!.map((each) => {
-      const value = data[each]!;
-      return Number.isFinite(value) ? value : UNKNOWN;
-    });
+    ofFile = new Float32Array(await getBytes(`shapes/${shape.id}/geodesics`, { source: number, format: "f32" }, signal));
+    distances = atVertices(mesh.numbers!);
     if (shows === "none" || shows === "place") colouring.value = shows = "distance";
     patch.disabled = false;
     patch.value = "1";
-    patchWords.textContent = "";
+    sayPatch();
     lengths.textContent = `Distances from vertex ${number}. Choose another point for the shortest path.`;
     recolour();
+  }
+
+  function atVertices(numbers: Float32Array, values = ofFile): Float32Array {
+    return numbers.map((each) => (Number.isFinite(values[each]) ? values[each]! : UNKNOWN));
   }
 
   async function end(vertex: number): Promise<void> {
@@ -200,12 +206,30 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
     legend.hidden = false;
   }
 
+  /** Radius of the patch, null if there is none. */
+  function patchRadius(): number | null {
+    if (!distances || Number(patch.value) >= 1 || Number(patch.value) <= 0) return null;
+    return Number(patch.value) * distances.reduce((most, value) => (value < UNKNOWN ? Math.max(most, value) : most), 0);
+  }
+
   function sayPatch(): void {
-    if (!distances) return;
-    const high = distances.reduce((most, value) => (value < UNKNOWN ? Math.max(most, value) : most), 0);
-    const limit = Number(patch.value) * high;
-    const inside = distances.reduce((sum, value, vertex) => (value <= limit ? sum + areas[vertex]! : sum), 0);
+    const limit = patchRadius();
+    askButton.disabled = limit === null;
+    patchWords.textContent = "";
+    if (limit === null) return;
+    const inside = distances!.reduce((sum, value, vertex) => (value <= limit ? sum + areas[vertex]! : sum), 0);
     patchWords.textContent = `radius ${figure(limit)}, ${percent(inside / whole)} of the area`;
+  }
+
+  /** Cut the patch out, from the whole surface, and ask the library with it alone. */
+  async function askWithPatch(): Promise<void> {
+    const limit = patchRadius();
+    if (limit === null || source === null) return;
+    const number = mesh.numbers![source]!;
+    const values = ofFile;
+    const all = full > faces ? readGlb(await getBytes(`shapes/${shape.id}/view`, { faces: MOST_FACES }, signal)) : mesh;
+    hand(new File([cutOff(all.positions, all.faces, atVertices(all.numbers!, values), limit)], `${shape.name}, patch at ${number}.off`));
+    location.hash = "#/ask?measure=partial";
   }
 
   /** Find the vertex of the view for one of the file, the nearest shown one where it was merged. */
@@ -243,7 +267,7 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
       h("button", { class: "plain" }, "Measure"),
       button("Clear", clear, { class: "quiet" }),
     ),
-    viewer && h("div", { class: "row" }, field("Patch around the first point", patch), patchWords),
+    viewer && h("div", { class: "row" }, field("Patch around the first point", patch), askButton, patchWords),
     viewer &&
       h(
         "div",
@@ -257,7 +281,7 @@ async function show(shape: Shape, place: HTMLElement, query: URLSearchParams, si
   function clear(): void {
     source = target = distances = null;
     from.value = to.value = lengths.textContent = patchWords.textContent = "";
-    patch.disabled = true;
+    patch.disabled = askButton.disabled = true;
     mark([]);
     recolour();
   }
@@ -347,15 +371,26 @@ function nearest(shape: Shape, query: URLSearchParams, signal: AbortSignal): HTM
     const ranking: Ranking = await rankByShape(shape.id, measure, NEAREST);
     if (signal.aborted) return;
     const none = h("p", { class: "hint" }, "There is no other shape that was computed with the same parameters.");
-    const compare = (other: Ranking["shapes"][number]): HTMLElement =>
-      h("a", { href: `#/pair/${shape.id}/${other.id}`, class: "quiet", "aria-label": `Compare with ${other.name}` }, "Compare");
-    list.replaceChildren(ranking.shapes.length ? rankedList(ranking.shapes, compare) : none);
+    const links = (other: Ranking["shapes"][number]): HTMLElement =>
+      h(
+        "div",
+        { class: "links" },
+        h("a", { href: `#/pair/${shape.id}/${other.id}`, class: "quiet", "aria-label": `Compare with ${other.name}` }, "Compare"),
+        h("a", { href: matchAddress(shape.id, other), class: "quiet", "aria-label": `Match points with ${other.name}` }, "Match points"),
+      );
+    list.replaceChildren(
+      ...(ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, text)),
+      ranking.shapes.length ? rankedList(ranking.shapes, links) : none,
+    );
   };
   const fail = (error: unknown): void => {
     if (!signal.aborted) list.replaceChildren(h("p", { class: "error" }, error instanceof Error ? error.message : ""));
   };
   const chosen = query.get("measure") ?? "spectrum";
-  const choice = measures(null, chosen, (name) => void load(name).catch(fail));
+  const choice = measures(null, chosen, (name) => {
+    list.replaceChildren(h("p", { class: "hint loading" }, "Searching …"));
+    void load(name).catch(fail);
+  });
   void load(query.get("measure") ?? undefined).catch(fail);
   return h("section", { class: "nearest" }, h("div", { class: "row" }, h("h2", {}, "Nearest shapes"), choice), list);
 }

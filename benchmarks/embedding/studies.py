@@ -1,4 +1,4 @@
-"""Studies of scaling over many meshes: acceleration, the order of the methods, minima, effective dimensions."""
+"""Multidimensional scaling on many meshes: acceleration, order of methods, local minima, effective dimensions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def acceleration_table(matrices: dict[str, np.ndarray]) -> str:
         )
     return (
         f"**Acceleration**: median evaluations of B(X) X, over {len(matrices)} meshes, from classical scaling in three"
-        " dimensions until the stress is within a share of the least that any of these reached.\n\n"
+        " dimensions until the stress exceeds the least stress that any search reached on the mesh by at most the share"
+        " of it that heads the column.\n\n"
         + table(["search", "1e-3", "1e-4", "1e-6", "share that reaches 1e-6 in 600"], rows)
     )
 
@@ -57,9 +58,10 @@ def order_table(matrices: dict[str, np.ndarray]) -> str:
             before = found
     rows = [[method, rises[method], above[method]] for method in ("least_squares", "classical", "fast")]
     return (
-        f"**Order**: of {len(matrices)} meshes and m = 1 to 5, cases in which a method's stress rises with m by"
-        f" more than {LEFT:.0e} of it (the search stops at 1e-6), and in"
-        " which that of least squares is above it.\n\n" + table(["method", "rises with m", "below least squares"], rows)
+        f"**Order**: over {len(matrices)} meshes and m = 1 to 5, the number of cases in which a method's stress at m"
+        f" exceeds its stress at m - 1 by more than {LEFT:.0e} of the latter (the search stops at 1e-6), and the number"
+        " in which it is below the stress of least squares at the same m.\n\n"
+        + table(["method", "rises with m", "below least squares"], rows)
     )
 
 
@@ -83,10 +85,11 @@ def minima_table(matrices: dict[str, np.ndarray]) -> str:
             share = np.mean(np.array(above) > ABOVE)
             lines.append([dimensions, name, f"{share:.1%}", f"{max(above):.1%}", f"{time / seconds[0]:.2f}"])
     return (
-        f"**Local minima**: of {len(matrices)} other meshes, those on which least squares ends more than {ABOVE:.1%}"
-        " above the lowest stress known (of both rows and ten random starts of all points); the worst of them; and the"
-        " time beside that of the first row, in one thread. The first row is the embedding before this table: from"
-        " classical scaling, and from FastMap where its stress is lower than what that led to.\n\n"
+        f"**Local minima**: for each m and start, the share of {len(matrices)} other meshes on which least squares ends"
+        f" more than {ABOVE:.1%} above the lowest stress known (the least of both starts, and of ten random starts); the"
+        " largest excess; and the time in one thread, divided by that of the first row of the same m. The first row of"
+        " each m is the earlier method: it starts from classical scaling, and also from FastMap if the stress of FastMap"
+        " itself is below the stress that least squares reached from classical scaling.\n\n"
         + table(["m", "start", "share above", "worst", "time / first row"], lines)
     )
 
@@ -116,6 +119,6 @@ def dimension_table(matrices: dict[str, np.ndarray]) -> str:
     columns = sorted(sheets | bodies)
     rows = [[name, *(of[column] for column in columns)] for name, of in (("sheets", sheets), ("meshes", bodies))]
     return (
-        "**Effective dimension**: the number of developable sheets and of meshes with each dimension. Below 3 are: "
+        "**Effective dimension**: the number of developable sheets and of meshes with each dimension. Meshes below 3: "
         + (", ".join(flat) or "none") + ".\n\n" + table(["dimension", *map(str, columns)], rows)
     )  # fmt: skip

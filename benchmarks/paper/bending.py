@@ -91,8 +91,8 @@ class Posture:
     """A hand, and its signature rotated so that both are seen from the same side."""
 
     surface: Surface
-    form: Surface  # with the same vertices
-    tips: Array  # vertices, lowest first: the end of the arm, the thumb, the little finger, the other fingers
+    form: Surface  # the signature; its vertices and faces are numbered as those of the surface
+    tips: Array  # vertex indices, lowest first in the open hand: end of the arm, thumb, little finger, other fingers
 
 
 def figure_2() -> str:

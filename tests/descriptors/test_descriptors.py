@@ -48,7 +48,9 @@ def test_the_principal_pose_does_not_depend_on_rotation(rotation, seed):
 
 @pytest.mark.parametrize("power", [-460, -400, 340, 460])
 def test_the_principal_pose_does_not_depend_on_the_unit(power):
-    points, weights = cloud(8)  # third moments and the first far point give different signs
+    # In this cloud the third moment and its substitute, the first point far along the axis, give an axis different
+    # signs. So the test fails if the unit changes which of them `principal_pose` uses.
+    points, weights = cloud(8)
     scaled = principal_pose(points * 2.0**power, weights)
     np.testing.assert_allclose(scaled / 2.0**power, principal_pose(points, weights), atol=1e-9)
 

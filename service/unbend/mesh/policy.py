@@ -17,7 +17,7 @@ FEWEST_VERTICES: Final = 4
 """The vertices of a tetrahedron. No closed surface has fewer."""
 
 MOST_ROUNDS: Final = 100
-"""Largest number of rounds of smoothing. Each enlarges low frequencies by up to 0.09 %, all by less than a tenth."""
+"""Largest number of rounds of smoothing. A round enlarges low frequencies by up to 0.09 %, 100 by less than 10 %."""
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ CREASE: Final = 0.4
 def corner_normals(vertices: Floats, faces: Ints, threads: int | None = None) -> Singles:
     """Return a unit normal for each corner of each face, (m, 3, 3) float32, on the side of the face's own normal.
 
-    It is the mean, by area, of the normals of the faces at the vertex that differ by less than 66 degrees from the
-    face's own, each turned to the same side. So meshes of any orientation are smooth, and edges of solids sharp. It is
-    zero at faces without an area.
+    Each normal of a face at the vertex is first turned to the side of the face's own. The result is the mean, by area,
+    of those that then differ from it by less than 66 degrees. So meshes of any orientation are smooth, and edges of
+    solids sharp. It is zero at faces without an area.
     """
     starts, order = _faces_at_vertices(faces, len(vertices))
     flat, units = _face_normals(vertices, faces)

@@ -45,7 +45,10 @@ async def get_map(
     limit: Annotated[
         int,
         Query(
-            ge=1, le=20_000, description="Most shapes on the map. Of more shapes, a selection is shown, chosen evenly."
+            ge=1,
+            le=20_000,
+            description="Largest number of shapes on the map. If there are more, the map shows a selection, spread "
+            "evenly over the order in which they were added.",
         ),
     ] = MAP_LIMIT,
     distance: Annotated[

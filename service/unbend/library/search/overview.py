@@ -54,9 +54,9 @@ class MapItem:
     name: str
     label: str | None
     point: Sequence[float]
-    """The point by the signature."""
+    """Coordinates on the map, computed with the chosen measure."""
     original: Sequence[float]
-    """The point by the surface in space. Fig. 8 of the paper shows both maps side by side."""
+    """Coordinates on a second map, computed from the surface in space. Fig. 8 of the paper shows both side by side."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ class ShapeMap:
 
     measure: str
     stress: float
-    """Stress of the points by the signature (eq. 2 of the paper)."""
+    """Stress of the map computed with the chosen measure (eq. 2 of the paper)."""
     original_stress: float
-    """Stress of the points by the surface in space."""
+    """Stress of the map computed from the surfaces in space."""
     count: int
     """Number of shapes that the map's shapes were chosen from."""
     items: list[MapItem]

@@ -13,7 +13,8 @@ from unbend.arrays import Floats
 from unbend.matching.evaluate.evaluation import Evaluation
 from unbend.matching.evaluate.metrics import PrecisionRecall
 
-# Curves and classes differ in marks as well as in colours. The style sheet has as many colours as there are marks.
+# Each of six curves has its own mark and colour. Classes differ in colour, and after every six also in mark.
+# The style sheet has as many colours as there are marks.
 _MARKS: Final = (
     "M-3.6 0a3.6 3.6 0 1 0 7.2 0a3.6 3.6 0 1 0 -7.2 0z",  # disc
     "M-3.2-3.2h6.4v6.4h-6.4z",  # square

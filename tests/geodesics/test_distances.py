@@ -14,7 +14,7 @@ from unbend.geodesics.distances import sampled_matrix
 from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.shapes import sphere, torus
 
-# Bounds of the mean relative error. The planar bounds are the errors of the best planar prototype of this project.
+# Bounds of the mean relative error. The planar bounds are the errors of the best planar program that we know.
 SPHERICAL = 0.005
 PLANAR = {"shrec11_simplified": 0.0262, "faust5k": 0.0155, "tosca5k": 0.0096, "single": 0.0155, "torus": 0.0064}
 

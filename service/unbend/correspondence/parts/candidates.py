@@ -12,8 +12,8 @@ from unbend.correspondence.correspondence import Candidate
 from unbend.correspondence.parts.assignment import STRICTNESS, differences
 from unbend.correspondence.parts.looks import looks_differ
 from unbend.correspondence.parts.orientation import agreement
-from unbend.correspondence.parts.pairs import pairs_of
-from unbend.correspondence.parts.placing import SCALE, Placing
+from unbend.correspondence.parts.pairs import Pairs
+from unbend.correspondence.parts.placing import Placing
 from unbend.correspondence.parts.search import arrangements
 from unbend.correspondence.parts.views import View
 
@@ -24,6 +24,8 @@ _APART: Final = 0.12  # least distance between these places
 _ALIKE: Final = 0.1  # arrangements that differ less are one
 
 _TRIED: Final = 64  # arrangements in which more samples are placed
+_GUESSED: Final = 24  # the same, to find the scale
+_KEPT: Final = 24  # the best of them
 _COARSE: Final = 60  # these samples
 _FINE: Final = 8  # candidates in which all samples are placed
 _SAME: Final = 0.05  # candidates that differ less are one
@@ -35,7 +37,7 @@ _DEEP: Final = (0.5, 0.15)
 _LEAST_AGREEMENT: Final = 0.2
 """Least agreement of triangles in a map that has the wanted orientation."""
 
-_SOME: Final = 0.1
+_SOME: Final = 0.2
 """Added to the difference of circles: a piece that is narrow everywhere has hardly any."""
 
 
@@ -48,8 +50,6 @@ class Placed:
     turn: float
     oriented: bool
     """Whether it has the orientation that was asked for."""
-    ratio: float
-    """Distances in the whole over those in the piece."""
 
     def sort_key(self) -> tuple[bool, float]:
         """Return a key that puts the better map first."""
@@ -61,31 +61,50 @@ def placings(part: View, whole: View, turns: tuple[float, ...]) -> list[Placed]:
     found = []
     for turn in turns:
         placing = Placing(part, whole, turn)
-        found += [_judged(placing, _settled(placing, places)) for places in _coarse(placing)]
+        every = np.arange(len(part.samples))
+        pairs = placing.pairs(every, every)
+        for places in _coarse(placing, _TRIED):
+            found.append(_judged(placing, pairs, _settled(placing, pairs, places)))
     return sorted(found, key=Placed.sort_key)
 
 
-def _coarse(placing: Placing) -> list[Indices]:
-    """Return places of the first samples in the best distinct arrangements."""
+def size_ratio(part: View, whole: View, turn: float) -> float:
+    """Return distances on the whole over those on the piece, in the best arrangement of the first samples."""
+    placing = Placing(part, whole, turn)
+    places = _coarse(placing, _GUESSED)[0]
+    some = np.arange(len(places))
+    pairs = placing.pairs(some, some)
+    return _ratio(pairs.low, pairs.high, placing.between[np.ix_(places, places)])
+
+
+def _coarse(placing: Placing, tried: int) -> list[Indices]:
+    """Return places of the first samples in the best distinct arrangements, the best first."""
     anchors = _anchors(placing.part)
     some = np.arange(min(_COARSE, len(placing.part.samples)))
-    weights = placing.part.weights[some] / placing.part.weights[some].sum()
-    distinct: list[tuple[float, Indices]] = []
-    for state in _arrangements(placing, anchors)[:_TRIED]:
-        places, _ = placing.placed(some, anchors, state)
-        for _ in range(2):
-            places, costs = placing.placed(some, some, places, places, _MOVES[0])
-        if all(weights @ placing.between[places, other] > _SAME for _, other in distinct):
-            distinct.append((float(weights @ costs), places))
-    return [places for _, places in sorted(distinct, key=lambda each: each[0])[:_FINE]]
+    to_anchors, pairs = placing.pairs(some, anchors), placing.pairs(some, some)
+    weights = placing.part.weights[some]
+    found = [placing.placed(some, to_anchors, state) for state in _arrangements(placing, anchors)[:tried]]
+    for kept in (_KEPT, _FINE):
+        moved = [placing.moved(some, pairs, places, _MOVES[0]) for places in _distinct(placing, found)]
+        found = [places for places, _ in sorted(moved, key=lambda each: float(weights @ each[1]))][:kept]
+    return found
 
 
-def _settled(placing: Placing, coarse: Indices) -> Indices:
+def _distinct(placing: Placing, found: list[Indices]) -> list[Indices]:
+    """Return the placings of the first samples that differ from all before them."""
+    distinct: list[Indices] = []
+    for places in found:
+        if all(placing.between[places, other].mean() > _SAME for other in distinct):
+            distinct.append(places)
+    return distinct
+
+
+def _settled(placing: Placing, pairs: Pairs, coarse: Indices) -> Indices:
     """Return places of all samples, given those of the first ones."""
     some, every = np.arange(len(coarse)), np.arange(len(placing.part.samples))
-    places, _ = placing.placed(every, some, coarse)
+    places = placing.placed(every, placing.pairs(every, some), coarse)
     for _ in range(2):
-        places, _ = placing.placed(every, every, places, places, _MOVES[1])
+        places, _ = placing.moved(every, pairs, places, _MOVES[1])
     return places
 
 
@@ -101,20 +120,29 @@ def _anchors(part: View) -> Indices:
 
 def _arrangements(placing: Placing, anchors: Indices) -> Indices:
     looks = placing.looks
-    pairs = pairs_of(placing.part, placing.part.samples[anchors], anchors, SCALE)
+    pairs = placing.pairs(anchors, anchors)
     return np.asarray(
         arrangements(
             differences(looks.ours[anchors], looks.theirs, looks.trust[anchors]),
-            pairs.low, pairs.high, pairs.precision, pairs.clear / pairs.weights, pairs.courses,
-            placing.between, placing.courses, (_WIDTH, _BRANCHES), STRICTNESS, placing.turning, _APART, _ALIKE,
+            pairs.low,
+            pairs.high,
+            pairs.precision,
+            pairs.clear / pairs.weights,
+            pairs.courses,
+            placing.between,
+            placing.courses,
+            (_WIDTH, _BRANCHES),
+            STRICTNESS,
+            placing.turning,
+            _APART,
+            _ALIKE,
         )  # fmt: skip
     )
 
 
-def _judged(placing: Placing, places: Indices) -> Placed:
+def _judged(placing: Placing, pairs: Pairs, places: Indices) -> Placed:
     """Measure a map. No figure tells right maps from wrong ones alone; their product, without units, does."""
     part, whole = placing.part, placing.whole
-    pairs = pairs_of(part, part.samples, np.arange(len(places)), SCALE)
     there = placing.between[np.ix_(places, places)]
     errors = np.maximum(np.maximum(there - pairs.high, pairs.low - there), 0.0)
     squared = (errors * pairs.precision) ** 2
@@ -127,7 +155,7 @@ def _judged(placing: Placing, places: Indices) -> Placed:
     cost = strain * (turned if placing.turn else 1.0) * curved * (rings + _SOME)
     figures = Candidate(cost, stretch, _curvature(part, whole, places), agreed, 0.0)
     oriented = placing.turn != 0 and agreed >= _LEAST_AGREEMENT
-    return Placed(places, figures, placing.turn, oriented, _ratio(pairs.low, pairs.high, there))
+    return Placed(places, figures, placing.turn, oriented)
 
 
 def _curvature(part: View, whole: View, places: Indices) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from unbend.correspondence.candidates import has_rival
 from unbend.correspondence.correspondence import Candidate, Correspondence
-from unbend.correspondence.parts.candidates import Placed, placings
+from unbend.correspondence.parts.candidates import Placed, placings, size_ratio
 from unbend.correspondence.parts.orientation import agreement
 from unbend.correspondence.parts.points import Points, points_of
 from unbend.correspondence.parts.views import View, views_of
@@ -39,11 +39,10 @@ def match_part(part: Surface, whole: Surface, samples: int, turn: float, threads
     ours, theirs = views_of(part, whole, samples, threads)
     known = ours.orientation.known and theirs.orientation.known
     turns = (0.0,) if not known else (turn,) if turn else (1.0, -1.0)
-    found = placings(ours, theirs, turns)
-    ratio = float(np.clip(found[0].ratio, *_ENLARGED))
+    ratio = float(np.clip(size_ratio(ours, theirs, turns[0]), *_ENLARGED))
     if abs(np.log(ratio)) > _SIMILAR:
         ours = ours.scaled(ratio)
-        found = placings(ours, theirs, turns)
+    found = placings(ours, theirs, turns)
     points = points_of(ours, theirs, found[0].places, found[0].turn, threads)
     return _result(whole, ours, theirs, found, points, oriented=known and turn != 0)
 

@@ -10,7 +10,7 @@ from unbend.arrays import Floats, Indices
 from unbend.correspondence.parts.assignment import TURNING, assign
 from unbend.correspondence.parts.directions import Directions
 from unbend.correspondence.parts.looks import Looks, sample_looks
-from unbend.correspondence.parts.pairs import pairs_of
+from unbend.correspondence.parts.pairs import Pairs, pairs_of
 from unbend.correspondence.parts.views import View
 
 SCALE: Final = 0.3
@@ -36,21 +36,29 @@ class Placing:
         self.courses: Directions = turned(whole.courses[whole.samples], turn)
         self.turning = TURNING if turn else 0.0
 
-    def placed(
-        self, points: Indices, known: Indices, places: Indices, present: Indices | None = None, within: float = np.inf
-    ) -> tuple[Indices, Floats]:
-        """Return the best places of some samples, and their costs, given the places of known samples.
+    def pairs(self, points: Indices, known: Indices) -> Pairs:
+        """Return the pairs of some samples and those whose places are known."""
+        return pairs_of(self.part, self.part.samples[points], known, SCALE)
 
-        With the `present` places of the same samples, only places `within` a distance of them are tried.
-        """
-        looks = Looks(self.looks.ours[points], self.looks.theirs, self.looks.trust[points])
-        samples = self.part.samples
+    def placed(self, points: Indices, pairs: Pairs, places: Indices) -> Indices:
+        """Return the best places of some samples, given the places of the known samples of `pairs`."""
+        nowhere = np.zeros(len(points), np.int64)
+        return self._assigned(points, pairs, places, nowhere, np.inf)[0]
+
+    def moved(self, points: Indices, pairs: Pairs, places: Indices, within: float) -> tuple[Indices, Floats]:
+        """Return the best places of some samples `within` a distance of their present places, and their costs."""
+        return self._assigned(points, pairs, places, places, within)
+
+    def _assigned(
+        self, points: Indices, pairs: Pairs, places: Indices, present: Indices, within: float
+    ) -> tuple[Indices, Floats]:
         return assign(
-            looks,
-            pairs_of(self.part, samples[points], known, SCALE),
+            Looks(self.looks.ours[points], self.looks.theirs, self.looks.trust[points]),
+            pairs,
             np.ascontiguousarray(self.between[:, places]),
             np.ascontiguousarray(self.courses[:, places]),
-            np.zeros(len(points), np.int64) if present is None else present,
+            present,
+            present,
             self.between,
             within,
             self.turning,

@@ -25,9 +25,6 @@ _SCALE: Final = 0.15
 _MOVE: Final = 0.15
 """How far a point is sought from the image of its sample."""
 
-_ROUNDS: Final = 2
-"""Rounds in which samples move among all vertices."""
-
 
 @dataclass(frozen=True, eq=False)
 class Points:
@@ -42,13 +39,12 @@ class Points:
 
 def points_of(part: View, whole: View, places: Indices, turn: float, threads: int | None) -> Points:
     """Move samples from the samples of the whole to its vertices, then place all vertices, given their samples."""
-    images, every = whole.samples[places], np.arange(len(places))
-    for _ in range(_ROUNDS):
-        rows = _rows(whole, images, threads)
-        images = _moved(part, whole, part.samples, every, rows, turn)
-    rows = _rows(whole, images, threads)
+    every = np.arange(len(places))
+    images = _moved(part, whole, part.samples, whole.samples[places], every, whole.rows[places], turn)
+    rows = distance_rows(stencils_of(whole.surface), images.astype(np.int32), None, "spherical", threads) / whole.unit
     vertices = np.arange(len(part.surface.vertices))
-    nearest = _moved(part, whole, vertices, part.nearest.astype(np.int64), rows, turn)
+    owners = part.nearest.astype(np.int64)
+    nearest = _moved(part, whole, vertices, images[owners], owners, rows, turn)
     pairs = pairs_of(part, vertices, every, _SCALE)
     faces = whole.surface.faces
     order = np.argsort(faces.ravel(), kind="stable")
@@ -59,17 +55,15 @@ def points_of(part: View, whole: View, places: Indices, turn: float, threads: in
     return Points(images, rows, found, ends, changes)
 
 
-def _rows(whole: View, images: Indices, threads: int | None) -> Floats:
-    return distance_rows(stencils_of(whole.surface), images.astype(np.int32), None, "spherical", threads) / whole.unit
-
-
-def _moved(part: View, whole: View, points: Indices, present: Indices, rows: Floats, turn: float) -> Indices:
-    """Return the best vertex of the whole for some vertices of the piece, near the image of its `present` sample."""
+def _moved(
+    part: View, whole: View, points: Indices, guesses: Indices, owners: Indices, rows: Floats, turn: float
+) -> Indices:
+    """Return the best vertex of the whole for some vertices of the piece, near the image of their `owners`, samples."""
     courses = turned(directions_of(whole.surface, whole.orientation.sign, rows), turn)
     pairs = pairs_of(part, points, np.arange(len(rows)), _SCALE)
     strength = TURNING if turn else 0.0
     looks = vertex_looks(part, whole, points)
-    return assign(looks, pairs, np.ascontiguousarray(rows.T), courses, present, rows, _MOVE, strength)[0]
+    return assign(looks, pairs, np.ascontiguousarray(rows.T), courses, guesses, owners, rows, _MOVE, strength)[0]
 
 
 @kernel

@@ -53,9 +53,7 @@ def arrangements(
 
 
 @kernel
-def _misfit(
-    state, step, column, low, high, precision, clear, courses, between, their_courses, strictness, turning
-):
+def _misfit(state, step, column, low, high, precision, clear, courses, between, their_courses, strictness, turning):
     """Return what distances from, and directions away from, earlier samples cost at a place."""
     wrong, known, turned = 0.0, 0.0, 0j
     for earlier in range(step):
@@ -70,7 +68,7 @@ def _misfit(
 
 @kernel
 def _any_near(places, row, apart):
-    for place in places:
+    for place in places:  # noqa: SIM110 - Numba has no generators in any()
         if row[place] < apart:
             return True
     return False

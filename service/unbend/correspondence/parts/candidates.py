@@ -63,8 +63,7 @@ def placings(part: View, whole: View, turns: tuple[float, ...]) -> list[Placed]:
         placing = Placing(part, whole, turn)
         every = np.arange(len(part.samples))
         pairs = placing.pairs(every, every)
-        for places in _coarse(placing, _TRIED):
-            found.append(_judged(placing, pairs, _settled(placing, pairs, places)))
+        found += [_judged(placing, pairs, _settled(placing, pairs, places)) for places in _coarse(placing, _TRIED)]
     return sorted(found, key=Placed.sort_key)
 
 
@@ -136,7 +135,7 @@ def _arrangements(placing: Placing, anchors: Indices) -> Indices:
             placing.turning,
             _APART,
             _ALIKE,
-        )  # fmt: skip
+        )
     )
 
 

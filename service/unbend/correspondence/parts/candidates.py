@@ -1,4 +1,4 @@
-"""Candidates: arrangements of all samples of a piece on its whole, and the figures that judge them."""
+"""Candidates: distinct arrangements of all samples of a piece on its whole, the best first."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices
-from unbend.correspondence.correspondence import Candidate
 from unbend.correspondence.parts.assignment import STRICTNESS, differences
-from unbend.correspondence.parts.looks import looks_differ
-from unbend.correspondence.parts.orientation import agreement
+from unbend.correspondence.parts.judgement import Judgement, Map, judge
+from unbend.correspondence.parts.looks import rings_differ
 from unbend.correspondence.parts.pairs import Pairs
 from unbend.correspondence.parts.placing import Placing
 from unbend.correspondence.parts.search import arrangements
@@ -34,26 +33,13 @@ _MOVES: Final = (0.4, 0.3)  # how far coarse and fine samples move at a time
 _DEEP: Final = (0.5, 0.15)
 """Distance from the boundary that is enough for the first anchor, and for the others."""
 
-_LEAST_AGREEMENT: Final = 0.2
-"""Least agreement of triangles in a map that has the wanted orientation."""
-
-_SOME: Final = 0.2
-"""Added to the difference of circles: a piece that is narrow everywhere has hardly any."""
-
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """The place of each sample of a piece among the samples of its whole, and the figures."""
+    """The place of each sample of a piece among the samples of its whole, and how good they are."""
 
     places: Indices
-    figures: Candidate
-    turn: float
-    oriented: bool
-    """Whether it has the orientation that was asked for."""
-
-    def sort_key(self) -> tuple[bool, float]:
-        """Return a key that puts the better map first."""
-        return self.turn != 0 and not self.oriented, self.figures.cost
+    judgement: Judgement
 
 
 def placings(part: View, whole: View, turns: tuple[float, ...]) -> list[Placed]:
@@ -64,7 +50,7 @@ def placings(part: View, whole: View, turns: tuple[float, ...]) -> list[Placed]:
         every = np.arange(len(part.samples))
         pairs = placing.pairs(every, every)
         found += [_judged(placing, pairs, _settled(placing, pairs, places)) for places in _coarse(placing, _TRIED)]
-    return sorted(found, key=Placed.sort_key)
+    return sorted(found, key=lambda each: each.judgement.sort_key())
 
 
 def size_ratio(part: View, whole: View, turn: float) -> float:
@@ -140,26 +126,10 @@ def _arrangements(placing: Placing, anchors: Indices) -> Indices:
 
 
 def _judged(placing: Placing, pairs: Pairs, places: Indices) -> Placed:
-    """Measure a map. No figure tells right maps from wrong ones alone; their product, without units, does."""
-    part, whole = placing.part, placing.whole
-    there = placing.between[np.ix_(places, places)]
-    errors = np.maximum(np.maximum(there - pairs.high, pairs.low - there), 0.0)
-    squared = (errors * pairs.precision) ** 2
-    strain = float(part.weights @ (pairs.weights * squared / (1.0 + squared)).sum(axis=1))
-    sums = np.abs((pairs.clear * placing.courses[np.ix_(places, places)] * pairs.courses.conj()).sum(axis=1))
-    turned = float(part.weights @ (1.0 - sums / np.maximum(pairs.clear.sum(axis=1), np.finfo(np.float64).tiny)))
-    rings, curved = (float(part.weights @ each) for each in looks_differ(placing.looks, places))
-    agreed = agreement(part, whole, whole.samples[places]) * (placing.turn or 1.0)
-    stretch = float(part.weights @ (pairs.weights * errors).sum(axis=1))
-    cost = strain * (turned if placing.turn else 1.0) * curved * (rings + _SOME)
-    figures = Candidate(cost, stretch, _curvature(part, whole, places), agreed, 0.0)
-    oriented = placing.turn != 0 and agreed >= _LEAST_AGREEMENT
-    return Placed(places, figures, placing.turn, oriented)
-
-
-def _curvature(part: View, whole: View, places: Indices) -> float:
-    apart = part.curvatures[part.samples] - whole.curvatures[whole.samples[places]]
-    return float(part.weights @ (apart**2).mean(axis=1))
+    there, courses = placing.between[np.ix_(places, places)], placing.courses[np.ix_(places, places)]
+    rings = rings_differ(placing.looks, places)
+    found = Map(placing.whole.samples[places], there, courses, rings, placing.turn)
+    return Placed(places, judge(placing.part, placing.whole, pairs, found))
 
 
 def _ratio(low: Floats, high: Floats, there: Floats) -> float:

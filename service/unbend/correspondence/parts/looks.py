@@ -48,11 +48,16 @@ def vertex_looks(part: View, whole: View, points: Indices) -> Looks:
     return Looks(part.curvatures[points], whole.curvatures, _curvature_trust(part, points))
 
 
-def looks_differ(looks: Looks, places: Indices) -> tuple[Floats, Floats]:
-    """Return how much the circles and the curvature of each point differ from those of its place, (k,) each."""
+def rings_differ(looks: Looks, places: Indices) -> Floats:
+    """Return how much the circles around each sample differ from those of its place, (k,)."""
     squared = looks.trust * (looks.ours - looks.theirs[places]) ** 2
-    rings = looks.ours.shape[1] - 2 * len(SCALES)
-    return np.minimum(squared[:, :rings].sum(axis=1), LARGEST), np.minimum(squared[:, rings:].sum(axis=1), LARGEST)
+    return np.asarray(np.minimum(squared[:, : -2 * len(SCALES)].sum(axis=1), LARGEST))
+
+
+def curvature_differs(part: View, whole: View, points: Indices, images: Indices) -> Floats:
+    """Return how much the curvature at each point differs from that at its image, (k,)."""
+    squared = _curvature_trust(part, points) * (part.curvatures[points] - whole.curvatures[images]) ** 2
+    return np.asarray(np.minimum(squared.sum(axis=1), LARGEST))
 
 
 def _curvature_trust(part: View, points: Indices) -> Floats:

@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 
 from unbend.correspondence.candidates import has_rival
-from unbend.correspondence.correspondence import Candidate, Correspondence
+from unbend.correspondence.correspondence import Correspondence
 from unbend.correspondence.parts.candidates import Placed, placings, size_ratio
-from unbend.correspondence.parts.orientation import agreement
-from unbend.correspondence.parts.points import Points, points_of
+from unbend.correspondence.parts.points import Refined, points_of, refine
 from unbend.correspondence.parts.views import View, views_of
 from unbend.mesh.surface import Surface
 
@@ -21,7 +20,8 @@ _ENLARGED: Final = (0.8, 1.25)
 _SIMILAR: Final = 0.02
 """Change of size that does not matter, in logarithms."""
 
-_LEAST_AGREEMENT: Final = 0.2
+_REFINED: Final = 3
+"""Candidates whose samples are moved to the vertices of the whole."""
 
 
 def match_part(part: Surface, whole: Surface, samples: int, turn: float, threads: int | None) -> Correspondence:
@@ -43,16 +43,20 @@ def match_part(part: Surface, whole: Surface, samples: int, turn: float, threads
     if abs(np.log(ratio)) > _SIMILAR:
         ours = ours.scaled(ratio)
     found = placings(ours, theirs, turns)
-    points = points_of(ours, theirs, found[0].places, found[0].turn, threads)
-    return _result(whole, ours, theirs, found, points, oriented=known and turn != 0)
+    refined = [refine(ours, theirs, each, threads) for each in found[:_REFINED]]
+    best = min(range(len(refined)), key=lambda number: refined[number].judgement.sort_key())
+    order = [best, *(number for number in range(len(found)) if number != best)]
+    ordered = [found[number] for number in order]
+    return _result(whole, ours, theirs, ordered, refined[best], oriented=known and turn != 0)
 
 
 def _result(
-    whole: Surface, ours: View, theirs: View, found: list[Placed], points: Points, *, oriented: bool
+    whole: Surface, ours: View, theirs: View, found: list[Placed], chosen: Refined, *, oriented: bool
 ) -> Correspondence:
-    chosen = found[0]
-    agreed = agreement(ours, theirs, points.images) * (chosen.turn or 1.0)
-    figures = tuple(_with_distance(one, ours, theirs, points) for one in found)
+    points = points_of(ours, theirs, chosen)
+    every = np.arange(len(chosen.images))
+    apart = [float(ours.weights @ chosen.rows[every, theirs.samples[one.places]]) for one in found]
+    figures = [replace(one.judgement.figures, distance=far) for one, far in zip(found, apart, strict=True)]
     shares = ours.surface.vertex_areas / ours.surface.area
     return Correspondence(
         faces=points.faces,
@@ -61,12 +65,7 @@ def _result(
         target_vertices=len(whole.vertices),
         confidence=np.exp(-points.changes / max(theirs.radius, np.finfo(np.float64).tiny)),
         residual=float(shares @ points.changes),
-        oriented=oriented and agreed >= _LEAST_AGREEMENT,
+        oriented=oriented and chosen.judgement.oriented,
         ambiguous=has_rival(figures, theirs.radius),
-        candidates=figures,
+        candidates=tuple(figures),
     )
-
-
-def _with_distance(one: Placed, ours: View, theirs: View, points: Points) -> Candidate:
-    every = np.arange(len(one.places))
-    return replace(one.figures, distance=float(ours.weights @ points.rows[every, theirs.samples[one.places]]))

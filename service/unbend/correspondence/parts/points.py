@@ -9,10 +9,12 @@ import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints
 from unbend.correspondence.parts.assignment import TURNING, assign
-from unbend.correspondence.parts.directions import directions_of
-from unbend.correspondence.parts.looks import vertex_looks
+from unbend.correspondence.parts.candidates import Placed
+from unbend.correspondence.parts.directions import Directions, directions_of
+from unbend.correspondence.parts.judgement import Judgement, Map, judge
+from unbend.correspondence.parts.looks import rings_differ, sample_looks, vertex_looks
 from unbend.correspondence.parts.pairs import pairs_of
-from unbend.correspondence.parts.placing import turned
+from unbend.correspondence.parts.placing import SCALE, turned
 from unbend.correspondence.parts.views import View
 from unbend.correspondence.projection import closest
 from unbend.geodesics.distances import distance_rows
@@ -27,39 +29,64 @@ _MOVE: Final = 0.15
 
 
 @dataclass(frozen=True, eq=False)
+class Refined:
+    """A map of the samples of a piece to vertices of its whole."""
+
+    images: Indices  # (S,)
+    rows: Floats  # (S, n) distances from each to all vertices of the whole
+    courses: Directions  # (n, S) directions away from each
+    judgement: Judgement
+
+
+@dataclass(frozen=True, eq=False)
 class Points:
     """A point of the whole for each vertex of a piece."""
 
-    images: Indices  # (S,) the vertex of the whole of each sample
-    rows: Floats  # (S, n) distances from it to all vertices of the whole
     faces: Ints  # (m,)
     places: Floats  # (m, 3)
     changes: Floats  # (m,) mean change of the distances to near samples, beyond their intervals
 
 
-def points_of(part: View, whole: View, places: Indices, turn: float, threads: int | None) -> Points:
-    """Move samples from the samples of the whole to its vertices, then place all vertices, given their samples."""
-    every = np.arange(len(places))
-    images = _moved(part, whole, part.samples, whole.samples[places], every, whole.rows[places], turn)
+def refine(part: View, whole: View, found: Placed, threads: int | None) -> Refined:
+    """Move samples from the samples of the whole to its vertices, and judge the map again."""
+    every, turn = np.arange(len(found.places)), found.judgement.turn
+    courses = np.ascontiguousarray(turned(whole.courses, turn)[:, found.places])
+    at = whole.samples[found.places]
+    images = _nearest(part, whole, part.samples, at, every, whole.rows[found.places], courses, turn)
     rows = distance_rows(stencils_of(whole.surface), images.astype(np.int32), None, "spherical", threads) / whole.unit
-    vertices = np.arange(len(part.surface.vertices))
-    owners = part.nearest.astype(np.int64)
-    nearest = _moved(part, whole, vertices, images[owners], owners, rows, turn)
-    pairs = pairs_of(part, vertices, every, _SCALE)
+    courses = turned(directions_of(whole.surface, whole.orientation.sign, rows), turn)
+    rings = rings_differ(sample_looks(part, whole), found.places)
+    refined = Map(images, rows[:, images].T, courses[images], rings, turn)
+    return Refined(images, rows, courses, judge(part, whole, pairs_of(part, part.samples, every, SCALE), refined))
+
+
+def points_of(part: View, whole: View, found: Refined) -> Points:
+    """Place all vertices of a piece, given the images of its samples."""
+    vertices, owners = np.arange(len(part.surface.vertices)), part.nearest.astype(np.int64)
+    turn = found.judgement.turn
+    nearest = _nearest(part, whole, vertices, found.images[owners], owners, found.rows, found.courses, turn)
+    pairs = pairs_of(part, vertices, np.arange(len(found.images)), _SCALE)
     faces = whole.surface.faces
     order = np.argsort(faces.ravel(), kind="stable")
     starts = np.searchsorted(faces.ravel()[order], np.arange(len(whole.surface.vertices) + 1))
-    found, ends, changes = np.empty(len(vertices), np.int32), np.empty((len(vertices), 3)), np.empty(len(vertices))
-    there = np.ascontiguousarray(rows.T)
-    _project(pairs.low, pairs.high, pairs.weights, nearest, there, faces, order, starts, found, ends, changes)
-    return Points(images, rows, found, ends, changes)
+    faces_of, ends = np.empty(len(vertices), np.int32), np.empty((len(vertices), 3))
+    changes = np.empty(len(vertices))
+    there = np.ascontiguousarray(found.rows.T)
+    _project(pairs.low, pairs.high, pairs.weights, nearest, there, faces, order, starts, faces_of, ends, changes)
+    return Points(faces_of, ends, changes)
 
 
-def _moved(
-    part: View, whole: View, points: Indices, guesses: Indices, owners: Indices, rows: Floats, turn: float
+def _nearest(
+    part: View,
+    whole: View,
+    points: Indices,
+    guesses: Indices,
+    owners: Indices,
+    rows: Floats,
+    courses: Directions,
+    turn: float,
 ) -> Indices:
     """Return the best vertex of the whole for some vertices of the piece, near the image of their `owners`, samples."""
-    courses = turned(directions_of(whole.surface, whole.orientation.sign, rows), turn)
     pairs = pairs_of(part, points, np.arange(len(rows)), _SCALE)
     strength = TURNING if turn else 0.0
     looks = vertex_looks(part, whole, points)

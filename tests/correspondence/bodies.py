@@ -18,6 +18,16 @@ def blob() -> Surface:
     return Surface(body.vertices * np.prod(away, axis=0)[:, None], body.faces)
 
 
+def knobbly() -> Surface:
+    """A body with many bumps of different heights and widths, so that each place looks different."""
+    body, generator = ellipsoid((1.0, 0.75, 0.5), subdivisions=4), np.random.default_rng(0)
+    heights: np.ndarray = np.ones(len(body.vertices))
+    for centre in generator.choice(len(body.vertices), 24, replace=False):
+        squared = ((body.vertices - body.vertices[centre]) ** 2).sum(axis=1)
+        heights *= 1.0 + generator.uniform(0.15, 0.5) * np.exp(-squared / generator.uniform(0.02, 0.08))
+    return Surface(body.vertices * heights[:, None], body.faces)
+
+
 def bent(body: Surface) -> Surface:
     """Wind the longest axis of a body along an arc of a circle."""
     x, y, z = body.vertices.T

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.correspondence.bodies import bent, blob, cut, errors
+from tests.correspondence.bodies import bent, cut, errors, knobbly
 from unbend import Surface, geodesic_distances, match, read_mesh, transfer
 from unbend.correspondence.parts.bounds import crossings, least_distances
 from unbend.correspondence.parts.directions import directions_of
@@ -15,7 +15,7 @@ from unbend.mesh.shapes import cylinder, sheet
 
 @pytest.fixture(scope="module")
 def body() -> Surface:
-    return blob()
+    return knobbly()
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,6 @@ _ENLARGED: Final = (0.8, 1.25)
 _SIMILAR: Final = 0.02
 """Change of size that does not matter, in logarithms."""
 
-_REFINED: Final = 3
-"""Candidates whose samples are moved to the vertices of the whole."""
-
 
 def match_part(part: Surface, whole: Surface, samples: int, turn: float, threads: int | None) -> Correspondence:
     """Find for each vertex of a piece the point of its whole, which has the same unit of length.
@@ -43,11 +40,8 @@ def match_part(part: Surface, whole: Surface, samples: int, turn: float, threads
     if abs(np.log(ratio)) > _SIMILAR:
         ours = ours.scaled(ratio)
     found = placings(ours, theirs, turns)
-    refined = [refine(ours, theirs, each, threads) for each in found[:_REFINED]]
-    best = min(range(len(refined)), key=lambda number: refined[number].judgement.sort_key())
-    order = [best, *(number for number in range(len(found)) if number != best)]
-    ordered = [found[number] for number in order]
-    return _result(whole, ours, theirs, ordered, refined[best], oriented=known and turn != 0)
+    chosen = refine(ours, theirs, found[0], threads)
+    return _result(whole, ours, theirs, found, chosen, oriented=known and turn != 0)
 
 
 def _result(

@@ -57,8 +57,17 @@ def pairs(dataset: Dataset, half: Half, count: int, seed: int = 0) -> list[tuple
     return [(subject(folder, listed[place][0]), subject(folder, listed[place][1])) for place in order]
 
 
+def same_person(half: Half, count: int, seed: int = 0) -> list[tuple[Subject, Subject]]:
+    """Return `count` random pairs of different poses of one person of FAUST."""
+    names = sorted(path.stem for path in (DATA / "faust5k").glob("*.off"))
+    chosen = [name for name in names if (int(name[-3:]) % 2 == 0) == (half == "choice")]
+    listed = [(a, b) for a in chosen for b in chosen if a != b and a[:-1] == b[:-1]]
+    order = np.random.default_rng(seed).permutation(len(listed))[:count]
+    return [(subject("faust5k", listed[place][0]), subject("faust5k", listed[place][1])) for place in order]
+
+
 @lru_cache(maxsize=20)
-def _distances(b: Subject, every: int) -> tuple[Singles, Indices]:
+def distances_to(b: Subject, every: int) -> tuple[Singles, Indices]:
     """Return the distances from the vertices of true points to all, and the row of each point."""
     sources, rows = np.unique(b.points[::every], return_inverse=True)
     return (geodesic_distances(b.surface, sources) / np.sqrt(b.surface.area)).astype(np.float32), rows
@@ -70,13 +79,13 @@ def errors(a: Subject, b: Subject, images: Indices, every: int = 1) -> tuple[Sin
     `images` has a vertex of b for each vertex of a; `every` takes only each so many points. The protocol of Kim, Lipman
     & Funkhouser 2011.
     """
-    distances, rows = _distances(b, every)
+    distances, rows = distances_to(b, every)
     return distances[rows, images[a.points[::every]]], distances[rows, images[a.mirrored[::every]]]
 
 
 def floor(a: Subject, b: Subject) -> float:
     """Return the least mean error that a map between vertices can have: several points share a vertex of `a`."""
-    distances, rows = _distances(b, 1)
+    distances, rows = distances_to(b, 1)
     total = 0.0
     for vertex in np.unique(a.points):
         here = np.flatnonzero(a.points == vertex)

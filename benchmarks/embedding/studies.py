@@ -87,9 +87,9 @@ def minima_table(matrices: dict[str, np.ndarray]) -> str:
     return (
         f"**Local minima**: for each m and start, the share of {len(matrices)} other meshes on which least squares ends"
         f" more than {ABOVE:.1%} above the lowest stress known (the least of both starts, and of ten random starts);"
-        " the largest excess; and the time in one thread, divided by that of the first row of the same m. The first row of"
-        " each m is the earlier method: it starts from classical scaling, and also from FastMap if the stress of FastMap"
-        " itself is below the stress that least squares reached from classical scaling.\n\n"
+        " the largest excess; and the time in one thread, divided by that of the first row of the same m. The first row"
+        " of each m is the earlier method: it starts from classical scaling, and also from FastMap if the stress of"
+        " FastMap itself is below the stress that least squares reached from classical scaling.\n\n"
         + table(["m", "start", "share above", "worst", "time / first row"], lines)
     )
 

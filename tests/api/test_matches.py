@@ -68,12 +68,28 @@ def test_both_clients_return_the_points(server, ids):
     assert asyncio.run(ask())["corners"] != points["corners"]
 
 
+def test_a_piece_is_matched_to_its_whole(http, ids):
+    body = read_mesh(egg(0.5))
+    kept = body.faces[(body.vertices[body.faces] @ (0.5, 0.7, 0.3)).mean(axis=1) > -0.1]
+    used, corners = np.unique(kept, return_inverse=True)
+    part = Surface(body.vertices[used], corners.reshape(-1, 3))
+    stored_id = stored(http, ply(part), name="piece", parameters=OWN)["id"]
+    job = ended(http, http.post("/v1/matches", json={"a": stored_id, "b": ids[0], "samples": 60}))
+    points = http.get(f"/v1/jobs/{job['id']}/file").json()
+    assert len(points["confidence"]) == len(part.vertices)
+    assert points["residual"] < 0.1
+    refused = ended(http, http.post("/v1/matches", json={"a": ids[0], "b": stored_id, "samples": 60}))
+    assert refused["state"] == "failed"
+    assert "the piece first" in refused["error"]["message"]
+
+
 @pytest.mark.parametrize(
     ("changes", "status"),
     [
         ({"b": "00000000-0000-0000-0000-000000000000"}, 404),
         ({"samples": 5}, 422),
         ({"orientation": "left"}, 422),
+        ({"part": "b"}, 422),
         ({"format": "stl"}, 422),
         ({"colour": "red"}, 422),
         ({"b": None}, 422),

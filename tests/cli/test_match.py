@@ -88,6 +88,24 @@ def test_a_field_labels_and_landmarks_reach_every_target(meshes, tmp_path):
     assert np.linalg.norm(body.vertices[vertices] - body.vertices[[7, 300]], axis=1).max() < 0.1
 
 
+def test_a_piece_is_matched_to_its_whole(meshes, tmp_path):
+    body = read_mesh(meshes[0])
+    kept = body.faces[(body.vertices[body.faces] @ (0.5, 0.7, 0.3)).mean(axis=1) > -0.1]
+    used, corners = np.unique(kept, return_inverse=True)
+    path, output, field = tmp_path / "piece.off", tmp_path / "map.json", tmp_path / "field.npy"
+    path.write_bytes(write_mesh(body.vertices[used], corners.reshape(-1, 3), "off"))
+    succeeded("match", path, meshes[0], "-o", output, run=in_process)
+    written = json.loads(output.read_text())
+    places = np.einsum("nc,nck->nk", written["barycentric"], body.vertices[np.array(written["corners"])])
+    assert np.linalg.norm(places - body.vertices[used], axis=1).mean() < 0.15
+    np.save(field, body.vertices)
+    succeeded("transfer", meshes[0], field, path, "-o", tmp_path / "out", run=in_process)
+    with (tmp_path / "out" / "piece.csv").open() as file:
+        assert np.array(list(csv.reader(file)), float) == pytest.approx(places)
+    failed_with_a_sentence(in_process("match", meshes[0], path, "-o", output), "the piece first")
+    succeeded("match", meshes[0], path, "-o", output, "--part", "no", "--samples", 60, run=in_process)
+
+
 def test_a_symmetry_is_written(meshes, tmp_path):
     output = tmp_path / "map.json"
     succeeded("symmetry", meshes[0], "-o", output, "--samples", 100, run=in_process)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.correspondence.bodies import blob, errors
 from unbend import (
     MeshPolicy,
     Surface,
@@ -21,25 +22,10 @@ from unbend.errors import MeshGeometryError, ParameterError, UnsuitedError
 from unbend.mesh.shapes import cylinder, ellipsoid, sheet
 from unbend.mesh.write import write_mesh
 
-BUMPS = (((0.9, 0.2, 0.1), 0.5), ((-0.3, 0.6, 0.3), 0.35), ((-0.6, -0.3, -0.35), 0.25))
-
-
-def blob() -> Surface:
-    """A body with three different bumps, which is equal to none of its rotations and mirror images."""
-    body = ellipsoid((1.0, 0.75, 0.5), subdivisions=4)
-    away = [1.0 + height * np.exp(-((body.vertices - place) ** 2).sum(axis=1) / 0.1) for place, height in BUMPS]
-    return Surface(body.vertices * np.prod(away, axis=0)[:, None], body.faces)
-
 
 @pytest.fixture(scope="module")
 def body() -> Surface:
     return blob()
-
-
-def errors(found, target: Surface, truth: np.ndarray) -> np.ndarray:
-    """Straight distances from the matched points to the true points, over the square root of the area."""
-    places = transfer(found, target.vertices)
-    return np.linalg.norm(places - truth, axis=1) / np.sqrt(target.area)
 
 
 def test_a_surface_matches_itself(body):

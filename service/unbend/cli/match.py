@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from unbend.mesh.surface import Surface
 
 ORIENTATIONS = ("keep", "reverse", "any")
+PARTS = ("auto", "no", "a")
 
 samples_option = click.option(
     "--samples", metavar="N", type=int, default=300, show_default=True, help="Farthest point samples of each mesh."
@@ -28,6 +29,16 @@ orientation_option = click.option(
 )
 
 
+part_option = click.option(
+    "--part",
+    type=click.Choice(PARTS),
+    default="auto",
+    show_default=True,
+    help="Whether the mesh whose vertices get points is a piece of the other: a, no, or auto, which looks at the "
+    "boundary and the area.",
+)
+
+
 @click.command()
 @click.argument("a", type=mesh_path)
 @click.argument("b", type=mesh_path)
@@ -36,10 +47,16 @@ orientation_option = click.option(
 )
 @click.option("--colours", type=click.Path(dir_okay=False, path_type=Path), help="Write B in these colours, too.")
 @orientation_option
+@part_option
 @samples_option
 @policy_options
-def match(a: Path, b: Path, output: Path, colours: Path | None, orientation: str, samples: int, policy: Values) -> None:
-    """Find for each vertex of A the point of B that is the same place, however both are bent."""
+def match(
+    a: Path, b: Path, output: Path, colours: Path | None, orientation: str, part: str, samples: int, policy: Values
+) -> None:
+    """Find for each vertex of A the point of B that is the same place, however both are bent.
+
+    A may be a piece of B, such as half of it, in the same unit of length.
+    """
     from typing import Any, cast  # noqa: PLC0415
 
     from unbend.correspondence.export import export_correspondence, place_colours  # noqa: PLC0415
@@ -49,7 +66,7 @@ def match(a: Path, b: Path, output: Path, colours: Path | None, orientation: str
     file_type = check_format(output.suffix.lower().lstrip("."))
     second_type = colours and check_format(colours.suffix.lower().lstrip("."))
     first, second = read_file(a, policy), read_file(b, policy)
-    found = find(first, second, samples=samples, orientation=cast("Any", orientation))
+    found = find(first, second, samples=samples, orientation=cast("Any", orientation), part=cast("Any", part))
     output.write_bytes(export_correspondence(found, first, second, file_type))
     if colours and second_type:
         colours.write_bytes(write_mesh(second.vertices, second.faces, second_type, colours=place_colours(second)))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.match import orientation_option, samples_option, tell
+from unbend.cli.match import orientation_option, part_option, samples_option, tell
 from unbend.cli.options import Values, mesh_path, policy_options
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     "--landmarks", is_flag=True, help="VALUES has vertices of SPECIMEN, one a line, not values of all vertices."
 )
 @orientation_option
+@part_option
 @samples_option
 @policy_options
 def transfer(
@@ -40,6 +41,7 @@ def transfer(
     output: Path,
     landmarks: bool,
     orientation: str,
+    part: str,
     samples: int,
     policy: Values,
 ) -> None:
@@ -59,7 +61,7 @@ def transfer(
     output.mkdir(parents=True, exist_ok=True)
     for target in targets:
         surface = read_file(target, policy)
-        found = match(surface, source, samples=samples, orientation=cast("Any", orientation))
+        found = match(surface, source, samples=samples, orientation=cast("Any", orientation), part=cast("Any", part))
         path = output / f"{target.stem}.csv"
         path.write_text(_table(_carried(found, surface, given, landmarks)))
         tell(path, found, source)

@@ -194,6 +194,7 @@ class Client:
         b: str,
         *,
         orientation: str | None = None,
+        part: str | None = None,
         samples: int | None = None,
         timeout: float | None = None,
     ) -> Json:
@@ -202,7 +203,9 @@ class Client:
         `corners` and `barycentric` have three vertices of the file of `b` and their weights, and `confidence` one
         number for each vertex of the file of `a`.
         """
-        job = Job(self, self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, samples)).json())
+        job = Job(
+            self, self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, part, samples)).json()
+        )
         protocol.outcome(job.wait(timeout))
         return dict(self.request("GET", protocol.file_path(job.id)).json())
 
@@ -423,11 +426,12 @@ class AsyncClient:
         b: str,
         *,
         orientation: str | None = None,
+        part: str | None = None,
         samples: int | None = None,
         timeout: float | None = None,
     ) -> Json:
         """Return for each vertex of a stored shape its point of another, as `Client.match` does."""
-        response = await self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, samples))
+        response = await self.request("POST", "/v1/matches", json=protocol.match(a, b, orientation, part, samples))
         job = AsyncJob(self, response.json())
         protocol.outcome(await job.wait(timeout))
         return dict((await self.request("GET", protocol.file_path(job.id))).json())

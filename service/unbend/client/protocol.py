@@ -112,9 +112,9 @@ def shape_query(shape_id: str, options: QueryOptions) -> Json:
     return {"shape_id": shape_id} | {name: value for name, value in vars(options).items() if value is not None}
 
 
-def match(a: str, b: str, orientation: str | None, samples: int | None) -> Json:
+def match(a: str, b: str, orientation: str | None, part: str | None, samples: int | None) -> Json:
     """Return the body of a match of two stored shapes."""
-    given = {"orientation": orientation, "samples": samples}
+    given = {"orientation": orientation, "part": part, "samples": samples}
     return {"a": a, "b": b} | {name: value for name, value in given.items() if value is not None}
 
 

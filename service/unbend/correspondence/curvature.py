@@ -22,7 +22,20 @@ _LARGEST: Final = 3.0
 
 
 def curvatures(surface: Surface, sign: float) -> Floats:
-    """Return mean and Gaussian curvature at two scales, each with mean 0 and standard deviation 1, (n, 4).
+    """Return the curvatures of a surface, each with mean 0 and standard deviation 1, (n, 4)."""
+    values = raw_curvatures(surface, sign, surface.area)
+    return standardised(values, values, _shares(surface, surface.area))
+
+
+def curvatures_of_part(part: Surface, whole: Surface, sign: float, whole_sign: float) -> tuple[Floats, Floats]:
+    """Return the curvatures of a piece and of its whole, in the units of the whole."""
+    ours, theirs = raw_curvatures(part, sign, whole.area), raw_curvatures(whole, whole_sign, whole.area)
+    shares = _shares(whole, whole.area)
+    return standardised(ours, theirs, shares), standardised(theirs, theirs, shares)
+
+
+def raw_curvatures(surface: Surface, sign: float, area: float) -> Floats:
+    """Return mean and Gaussian curvature at two scales, where the square root of `area` is 1, (n, 4).
 
     Mean curvature is the way that a vertex moves along the normal under implicit heat flow (Desbrun et al. 1999), and
     Gaussian curvature the angle missing around it, spread by the same flow. Bending keeps the Gaussian curvature; it
@@ -33,10 +46,11 @@ def curvatures(surface: Surface, sign: float) -> Floats:
     surface : Surface
     sign : float
         -1 if the faces show inwards.
+    area : float
     """
-    unit = np.sqrt(surface.area)
+    unit = np.sqrt(area)
     vertices, faces = surface.vertices / unit, surface.faces
-    areas = np.maximum(surface.vertex_areas / surface.area, np.finfo(np.float32).eps / len(vertices))
+    areas = _areas(surface, area)
     stiffness, angles, normals = _differential(vertices, faces)
     defects = np.where(_on_boundary(surface), np.pi, 2 * np.pi) - angles
     found = []
@@ -46,7 +60,23 @@ def curvatures(surface: Surface, sign: float) -> Floats:
         smooth, along = solve(areas[:, None] * vertices), solve(sign * normals)
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(np.float64).tiny)
         found += [((vertices - smooth) * along).sum(axis=1), solve(defects)]
-    return _standardised(np.stack(found, axis=1), areas / areas.sum())
+    return np.stack(found, axis=1)
+
+
+def standardised(values: Floats, reference: Floats, shares: Floats) -> Floats:
+    """Return values less the mean of `reference`, over its standard deviation, clipped."""
+    mean = shares @ reference
+    spread = np.sqrt(shares @ (reference - mean) ** 2)
+    return np.asarray(np.clip((values - mean) / np.maximum(spread, np.finfo(np.float32).eps), -_LARGEST, _LARGEST))
+
+
+def _areas(surface: Surface, area: float) -> Floats:
+    return np.asarray(np.maximum(surface.vertex_areas / area, np.finfo(np.float32).eps / len(surface.vertices)))
+
+
+def _shares(surface: Surface, area: float) -> Floats:
+    areas = _areas(surface, area)
+    return np.asarray(areas / areas.sum())
 
 
 def _differential(vertices: Floats, faces: Ints) -> tuple[csc_array, Floats, Floats]:
@@ -80,9 +110,3 @@ def _on_boundary(surface: Surface) -> Bools:
     for step in (1, 2):
         marked[surface.faces[alone // 3, (alone + step) % 3]] = True
     return marked
-
-
-def _standardised(values: Floats, shares: Floats) -> Floats:
-    centred = values - shares @ values
-    spread = np.sqrt(shares @ centred**2)
-    return np.asarray(np.clip(centred / np.maximum(spread, np.finfo(np.float32).eps), -_LARGEST, _LARGEST))

@@ -13,6 +13,8 @@ from unbend.correspondence.correspondence import Correspondence
 from unbend.correspondence.features import Features, features_of
 from unbend.correspondence.growth import embedded
 from unbend.correspondence.nearest import nearest_rows
+from unbend.correspondence.parts.match import match_part
+from unbend.correspondence.pieces import Part, is_part
 from unbend.correspondence.projection import project
 from unbend.errors import ParameterError, check_choice
 from unbend.geodesics.distances import distance_rows
@@ -32,7 +34,13 @@ _REACH: Final = 2.0  # a vertex is searched within this many radii of both sampl
 
 
 def match(
-    a: Surface, b: Surface, *, samples: int = SAMPLES, orientation: Turn = "keep", threads: int | None = None
+    a: Surface,
+    b: Surface,
+    *,
+    samples: int = SAMPLES,
+    orientation: Turn = "keep",
+    part: Part = "auto",
+    threads: int | None = None,
 ) -> Correspondence:
     """Find for each vertex of `a` the point of `b` that is the same place, however both are bent.
 
@@ -41,15 +49,21 @@ def match(
     (`unbend.correspondence.growth`), which keeps geodesic distances, oriented planes and curvature as far as the
     surfaces agree in them. The best candidate is projected onto the triangles of `b`.
 
+    `a` may also be a piece of `b` (`unbend.correspondence.parts`).
+
     Parameters
     ----------
     a, b : Surface
-        Connected surfaces of the same kind of object, such as two persons or two poses; their scale does not matter.
+        Connected surfaces of the same kind of object, such as two persons or two poses; their scale does not matter. A
+        piece and its whole must have the same unit of length.
     samples : int, default 300
         Farthest point samples of each surface, at least 20. More cost more time and memory.
     orientation : {"keep", "reverse", "any"}, default "keep"
         Which maps are allowed. "keep" tells left from right. "reverse" finds mirror images. The faces of both surfaces
         must agree on their sides; otherwise the result says that the orientation decided nothing.
+    part : {"auto", "no", "a"}, default "auto"
+        Whether `a` is a piece of `b`. "auto" takes it for one if it is open and `b` is not, and it has from .05 to .95
+        of the area of `b`.
     threads : int, optional
         Threads for distances, all cores by default. The result does not depend on it.
 
@@ -62,7 +76,9 @@ def match(
     MeshGeometryError
         If a surface has no area, or its faces are not connected.
     ParameterError
-        If `samples`, `orientation` or `threads` is out of range.
+        If `samples`, `orientation`, `part` or `threads` is out of range.
+    UnsuitedError
+        If `b` looks like a piece of `a` and `part` is "auto".
 
     Examples
     --------
@@ -75,7 +91,10 @@ def match(
     check_choice("orientation", orientation, get_args(Turn))
     if samples < _FEWEST:
         raise ParameterError(f"samples must be at least {_FEWEST}, not {samples}")
+    piece = is_part(a, b, part)
     ours, theirs = _used(a), _used(b)
+    if piece:
+        return _at_all(match_part(ours, theirs, samples, _TURNS[orientation], threads), a, b)
     first = features_of(ours, samples, threads)
     second = first if ours is theirs else features_of(theirs, samples, threads)
     turn = _TURNS[orientation] if first.orientation.known and second.orientation.known else 0.0
@@ -84,6 +103,21 @@ def match(
     best = min(range(len(refined)), key=lambda number: refined[number].sort_key())
     order = [best, *(number for number in range(len(judged)) if number != best)]
     return _result(a, b, first, second, refined[best], [judged[number] for number in order], turn, threads)
+
+
+def _at_all(found: Correspondence, a: Surface, b: Surface) -> Correspondence:
+    """Return a correspondence of the used vertices of both surfaces as one of all vertices."""
+    count, used = len(a.vertices), a.used_vertices
+    faces, places, confidence = np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.zeros(count)
+    faces[used], places[used], confidence[used] = found.faces, found.barycentric, found.confidence
+    return replace(
+        found,
+        faces=faces,
+        barycentric=places,
+        confidence=confidence,
+        target_faces=b.faces,
+        target_vertices=len(b.vertices),
+    )
 
 
 def _used(surface: Surface) -> Surface:
@@ -112,25 +146,22 @@ def _result(
     nearest = _nearest_within(first, second, ours, theirs, rows)
     faces, places = project(ours, nearest, theirs, second.surface.faces)
     changes = _changes(first, rows, second.surface.faces[faces], places)
-    count, used = len(a.vertices), a.used_vertices
-    all_faces, all_places, confidence = np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.zeros(count)
-    all_faces[used], all_places[used] = faces, places
-    confidence[used] = np.exp(-changes / max(second.radius, np.finfo(np.float64).tiny))
     figures = tuple(
         replace(one.figures, distance=float(first.weights @ rows[every, second.samples[one.map.to]])) for one in judged
     )
     shares = first.surface.vertex_areas / first.surface.area
-    return Correspondence(
-        faces=all_faces,
-        barycentric=all_places,
+    found = Correspondence(
+        faces=faces,
+        barycentric=places,
         target_faces=b.faces,
         target_vertices=len(b.vertices),
-        confidence=confidence,
+        confidence=np.exp(-changes / max(second.radius, np.finfo(np.float64).tiny)),
         residual=float(shares @ changes),
         oriented=chosen.oriented,
         ambiguous=has_rival(figures, second.radius),
         candidates=figures,
     )
+    return _at_all(found, a, b)
 
 
 def _nearest_within(a: Features, b: Features, ours: Singles, theirs: Singles, rows: Floats) -> Indices:

@@ -41,7 +41,7 @@ def _project_each(points, nearest, vertices, faces, order, starts, found, places
         for index in range(starts[nearest[row]], starts[nearest[row] + 1]):
             face = order[index] // 3
             _differences(points[row], vertices, faces[face], gram)
-            squared = _closest(gram, ends)
+            squared = closest(gram, ends)
             if squared < best:
                 best = squared
                 found[row] = face
@@ -61,7 +61,7 @@ def _differences(point, vertices, face, gram):
 
 
 @kernel
-def _closest(gram, ends):
+def closest(gram, ends):
     """Set `ends` to the weights of the point of a triangle that is nearest to the origin; return its squared distance.
 
     `gram` has the inner products of the corners. If the nearest point of the plane is outside, one of the edges has

@@ -13,6 +13,7 @@ import numpy as np
 from unbend.arrays import Floats
 from unbend.correspondence.export import export_correspondence
 from unbend.correspondence.match import Turn, match
+from unbend.correspondence.pieces import Part
 from unbend.errors import JobMemoryError
 from unbend.geodesics.distances import Update, geodesic_distances
 from unbend.geodesics.paths.shortest import geodesic_path
@@ -234,11 +235,13 @@ def _form_file(mesh: StoredMesh, shape_id: str, file_type: str) -> bytes:
     return canonical_form_file(mesh, _library(mesh.library_url).shapes.signature(shape_id), file_type)
 
 
-def _match_file(mesh: StoredMesh, other_id: str, orientation: Turn, samples: int, file_type: str) -> bytes:
+def _match_file(
+    mesh: StoredMesh, other_id: str, orientation: Turn, samples: int, file_type: str, part: Part = "auto"
+) -> bytes:
     other = _library(mesh.library_url).shapes.get(other_id)
     target = _read(StoredMesh(mesh.library_url, other.sha256, other.file_type, other.policy))
     surface = _read(mesh)
-    found = match(surface, target, samples=samples, orientation=orientation, threads=1)
+    found = match(surface, target, samples=samples, orientation=orientation, part=part, threads=1)
     return export_correspondence(found, surface, target, file_type)
 
 

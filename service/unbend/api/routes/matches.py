@@ -39,7 +39,8 @@ async def match_shapes(service: ServiceDependency, request: Request, wanted: Mat
     """
     first, second = [await asyncio.to_thread(service.library.shapes.get, each) for each in (wanted.a, wanted.b)]
     arguments = {
-        "other_id": second.id, "orientation": wanted.orientation, "samples": wanted.samples, "file_type": wanted.format,
+        "other_id": second.id, "orientation": wanted.orientation, "part": wanted.part, "samples": wanted.samples,
+        "file_type": wanted.format,
     }  # fmt: skip
     key = key_of(request)
     sender, most_owned = Sender(key.id if key else None), key.most_jobs if key else None

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from unbend.api.schema.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
 from unbend.correspondence.match import Turn
+from unbend.correspondence.pieces import Part as PieceOf
 from unbend.library import records
 from unbend.library.records import JobRecord, ShapeRecord
 from unbend.library.requests import JobKind
@@ -232,6 +233,11 @@ class Match(BaseModel):
     b: Annotated[Id, Field(min_length=1, max_length=64, description="The shape whose points they are.")]
     orientation: Turn = Field(
         "keep", description="Whether the match keeps the orientation of the triangles, reverses it, or either."
+    )
+    part: PieceOf = Field(
+        "auto",
+        description="Whether `a` is a piece of `b`: `a`, `no`, or `auto`, which takes it for one if it is open and "
+        "smaller, and `b` is closed.",
     )
     samples: Whole = Field(300, ge=20, le=2000, description="Farthest point samples of each shape.")
     format: Literal["json", WrittenFormat, "npz"] = Field(

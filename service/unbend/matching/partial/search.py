@@ -10,10 +10,11 @@ import numpy as np
 
 from unbend.arrays import Floats, Indices
 from unbend.local.signatures import OCTAVE, LocalSignatures, enlarged
-from unbend.matching.partial.comparison import Comparison, compare_parts
+from unbend.matching.partial.comparison import Comparison, compare_profiled
 from unbend.matching.partial.profiles import Profiles, profiles_of
-from unbend.matching.partial.scanning import scan_parts
+from unbend.matching.partial.scanning import scan_parts, scan_shifted
 from unbend.matching.selection import smallest
+from unbend.threads import share_out
 
 SHORTLIST: Final = 60
 """Shapes that are compared in detail."""
@@ -38,10 +39,18 @@ class PartSearch:
 
 
 @dataclass(frozen=True)
-class _Trial:
-    """A scale: a variant of the query, as it is or half a rung larger, and its shift for each row, (n,)."""
+class _Variant:
+    """A query, as it is or half a rung larger."""
 
-    variant: int
+    local: LocalSignatures
+    profiles: Profiles
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A scale: a variant of the query, and its shift for each row, (n,)."""
+
+    variant: _Variant
     shifts: Indices
 
 
@@ -52,6 +61,7 @@ def search_parts(
     *,
     any_scale: bool = False,
     shortlist: int = SHORTLIST,
+    threads: int | None = None,
 ) -> PartSearch:
     """Compare a query with all shapes of a gallery.
 
@@ -64,18 +74,24 @@ def search_parts(
     any_scale : bool, default False
         The unit of the query's vertices may differ from that of the gallery's.
     shortlist : int, default 60
+    threads : int, optional
+        All cores by default. The result does not depend on it.
     """
-    variants = [query, enlarged(query)] if any_scale else [query]
-    scans, trials = _scans(variants, gallery, any_scale=any_scale)
+    scans, trials = _scans(query, gallery, any_scale=any_scale, threads=threads)
     scanned = scans.min(axis=0)
     distances = scanned.copy()
     rows = smallest(scanned, shortlist)
-    found = {}
-    for row, shape in zip(rows.tolist(), load(rows), strict=True):
-        best = np.argsort(scans[:, row], kind="stable")[:_SCALES].tolist()
-        compared = [_compared(variants, shape, trials[trial], row) for trial in best]
-        found[row] = min(compared, key=lambda each: each.distance)
-    if found:
+    shapes = load(rows)
+    found: dict[int, Comparison] = {}
+
+    def compare(part: slice) -> None:
+        for row, shape in zip(rows[part].tolist(), shapes[part], strict=True):
+            best = np.argsort(scans[:, row], kind="stable")[:_SCALES].tolist()
+            compared = [_compared(query, trials[trial], shape, gallery[row], row) for trial in best]
+            found[row] = min(compared, key=lambda each: each.distance)
+
+    if len(rows):
+        share_out(len(rows), threads, compare)
         behind = np.ones(len(gallery), bool)
         behind[rows] = False
         added = max(found[row].distance - scanned[row] for row in found)
@@ -85,32 +101,27 @@ def search_parts(
 
 
 def _scans(
-    variants: Sequence[LocalSignatures], gallery: Sequence[Profiles], *, any_scale: bool
+    query: LocalSignatures, gallery: Sequence[Profiles], *, any_scale: bool, threads: int | None
 ) -> tuple[Floats, list[_Trial]]:
     """Return the distances at each scale, (s, n), and the scales."""
-    profiles = [profiles_of(variant) for variant in variants]
+    variant = _Variant(query, profiles_of(query))
     if not any_scale:
-        return scan_parts(profiles[0], gallery)[None], [_Trial(0, np.zeros(len(gallery), np.int64))]
+        scanned = scan_parts(variant.profiles, gallery, threads)
+        return scanned[None], [_Trial(variant, np.zeros(len(gallery), np.int64))]
     scans, trials = [], []
     areas = np.array([other.area for other in gallery])
-    for variant, query in enumerate(profiles):
-        same = np.rint(OCTAVE * np.log2(areas / query.area) / 2).astype(np.int64)  # where both areas are equal
-        for step in range(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1):
-            trials.append(_Trial(variant, same - step))
-            scans.append(_scan_shifted(query, gallery, same - step))
-    return np.array(scans).reshape(len(scans), len(gallery)), trials
+    larger = enlarged(query)
+    for variant in (variant, _Variant(larger, profiles_of(larger))):
+        same = np.rint(OCTAVE * np.log2(areas / variant.local.area) / 2).astype(np.int64)  # where areas are equal
+        shifts = same - np.arange(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1)[:, None]
+        scans.append(scan_shifted(variant.profiles, gallery, shifts, threads))
+        trials += [_Trial(variant, each) for each in shifts]
+    return np.concatenate(scans), trials
 
 
-def _scan_shifted(query: Profiles, gallery: Sequence[Profiles], shifts: Indices) -> Floats:
-    distances = np.empty(len(gallery))
-    for shift in np.unique(shifts).tolist():
-        rows = np.flatnonzero(shifts == shift)
-        distances[rows] = scan_parts(query, [gallery[row] for row in rows.tolist()], shift)
-    return distances
-
-
-def _compared(variants: Sequence[LocalSignatures], shape: LocalSignatures, trial: _Trial, row: int) -> Comparison:
+def _compared(query: LocalSignatures, trial: _Trial, shape: LocalSignatures, others: Profiles, row: int) -> Comparison:
     """Compare one variant of the query with a shape, in the query's own unit."""
-    factor = float(np.sqrt(variants[trial.variant].area / variants[0].area))
-    found = compare_parts(variants[trial.variant], shape, int(trial.shifts[row]))
+    variant = trial.variant
+    factor = float(np.sqrt(variant.local.area / query.area))
+    found = compare_profiled(variant.local, variant.profiles, shape, others, int(trial.shifts[row]))
     return replace(found, residual=found.residual / factor, scale=found.scale * factor)

@@ -28,6 +28,9 @@ STRICTNESS: Final = 4.3
 LARGEST_PENALTY: Final = np.float32(1.0)
 """Penalty at which a distance counts as wrong, however wrong: a cut may lengthen it, or the mesh a circle."""
 
+_SHARE: Final = np.float32(0.5)
+"""Share of the mean penalty that is added to the mean difference: penalties of one circle depend on each other."""
+
 _SWEEPS: Final = 2
 """Times that each circle is moved to the place that agrees best with those of all others."""
 
@@ -40,7 +43,7 @@ class Comparison:
     """The relation of a query to a shape, and how well they agree."""
 
     distance: float
-    """Mean difference of the circles at their places, and mean penalty of the distances between them."""
+    """Mean difference of the circles at their places, and half of the mean penalty for distances between them."""
     relation: Relation
     covered: float
     """Area of the smaller surface over that of the larger one, at most 1."""
@@ -124,8 +127,8 @@ def _anchors(between: Singles, weights: Singles) -> Indices:
 
 
 @inlined
-def _penalty(found: float, distance: float, expected: float, strictness: float) -> float:
-    return found + min(abs(distance - expected) * strictness, LARGEST_PENALTY)
+def _penalty(distance: float, expected: float, strictness: float) -> float:
+    return min(abs(distance - expected) * strictness, LARGEST_PENALTY)
 
 
 @kernel
@@ -148,20 +151,18 @@ def _put(
             total = weights[anchor] * float(found[anchor, place])
             for row in range(count):
                 if row != anchor:
+                    expected = between[anchor, row]
                     for column in range(columns):
-                        values[column] = _penalty(
-                            found[row, column], whole[place, column], between[anchor, row], strictness
-                        )
+                        values[column] = found[row, column] + _penalty(whole[place, column], expected, strictness)
                     total += weights[row] * least(values)
                     if total >= best:
                         break
             if total < best:
                 best, best_anchor, best_place = total, anchor, place
     for row in range(count):
+        expected = between[best_anchor, row]
         for column in range(columns):
-            values[column] = _penalty(
-                found[row, column], whole[best_place, column], between[best_anchor, row], strictness
-            )
+            values[column] = found[row, column] + _penalty(whole[best_place, column], expected, strictness)
         places[row] = values.argmin()
     places[best_anchor] = best_place
     return best_anchor
@@ -171,7 +172,7 @@ def _put(
 def _moved(
     found: Singles, weights: Singles, between: Singles, whole: Singles, strictness: float, places: Indices
 ) -> float:
-    """Move each circle once, in place, and return the mean difference with the mean penalty."""
+    """Move each circle once, in place, and return the mean difference with a share of the mean penalty."""
     count, columns = found.shape
     total, total_weight = 0.0, weights.sum()
     values = np.empty(columns, np.float32)
@@ -179,14 +180,14 @@ def _moved(
         values[:] = np.float32(0)
         for other in range(count):
             if other != row and weights[other] > 0:
+                weight, expected, distances = weights[other], between[other, row], whole[places[other]]
                 for column in range(columns):
-                    values[column] += weights[other] * _penalty(
-                        np.float32(0), whole[places[other], column], between[other, row], strictness
-                    )
+                    values[column] += weight * _penalty(distances[column], expected, strictness)
         left = total_weight - weights[row]
         share = np.float32(1) / left if left > 0 else np.float32(0)
         for column in range(columns):
             values[column] = found[row, column] + share * values[column]
         places[row] = values.argmin()
-        total += weights[row] * values[places[row]]
+        penalty = values[places[row]] - found[row, places[row]]
+        total += weights[row] * (found[row, places[row]] + _SHARE * penalty)
     return float(total / total_weight)

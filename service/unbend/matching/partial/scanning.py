@@ -29,11 +29,13 @@ def scan_parts(query: Profiles, gallery: Sequence[Profiles], threads: int | None
     threads : int, optional
         All cores by default.
     """
-    return scan_shifted(query, gallery, np.zeros((1, len(gallery)), np.int64), threads)[0]
+    return scan_shifted(query, gallery, np.zeros((1, len(gallery)), np.int64), threads)[0][0]
 
 
-def scan_shifted(query: Profiles, gallery: Sequence[Profiles], shifts: Indices, threads: int | None = None) -> Floats:
-    """Return the distances of `scan_parts` for a query in other units, (s, n).
+def scan_shifted(
+    query: Profiles, gallery: Sequence[Profiles], shifts: Indices, threads: int | None = None
+) -> tuple[Floats, Floats]:
+    """Return the distances of `scan_parts` for a query in other units, (s, n), and the share of rings in common.
 
     Parameters
     ----------
@@ -43,7 +45,7 @@ def scan_shifted(query: Profiles, gallery: Sequence[Profiles], shifts: Indices, 
         Rungs by which the query's rings count as larger.
     threads : int, optional
     """
-    distances = np.empty(shifts.shape)
+    distances, common = np.empty(shifts.shape), np.empty(shifts.shape)
     contains = np.array([other.is_open for other in gallery], bool) & (
         np.array([other.area for other in gallery]) < query.area * 2.0 ** (shifts / 2)
     )
@@ -52,20 +54,20 @@ def scan_shifted(query: Profiles, gallery: Sequence[Profiles], shifts: Indices, 
         for row in range(part.start, part.stop):
             other, turned = gallery[row], contains[:, row]
             if not turned.all():
-                distances[~turned, row] = _scanned(query, other, shifts[~turned, row])
+                distances[~turned, row], common[~turned, row] = _scanned(query, other, shifts[~turned, row])
             if turned.any():
-                distances[turned, row] = _scanned(other, query, -shifts[turned, row])
+                distances[turned, row], common[turned, row] = _scanned(other, query, -shifts[turned, row])
 
     if len(gallery):
         share_out(len(gallery), threads, fill)
-    return distances
+    return distances, common
 
 
-def _scanned(small: Profiles, large: Profiles, shifts: Indices) -> Floats:
-    result = np.empty(len(shifts))
+def _scanned(small: Profiles, large: Profiles, shifts: Indices) -> tuple[Floats, Floats]:
+    result, common = np.empty(len(shifts)), np.empty(len(shifts))
     offsets = large.first - small.first - shifts
-    _mean_nearest(small.values, small.chosen, small.rings, small.weights, large.values, offsets, result)
-    return result
+    _mean_nearest(small.values, small.chosen, small.rings, small.weights, large.values, offsets, result, common)
+    return result, common
 
 
 def ordered(query: Profiles, other: Profiles, shift: int) -> tuple[Profiles, Profiles, int]:
@@ -134,9 +136,16 @@ def _mean_nearest(
     large: Singles,
     offsets: Indices,
     result: Floats,
+    common: Floats,
 ) -> None:
     sums = np.empty(large.shape[1], np.float32)
     for index, offset in enumerate(offsets):
+        shared, every = 0.0, 0.0
+        for row in range(len(chosen)):
+            start, end = _common(rings[row], offset, len(values), len(large))
+            shared += weights[row] * max(0, end - start) / rings[row]
+            every += weights[row]
+        common[index] = shared / every if every > 0 else 1.0
         total, weight = 0.0, 0.0
         for fewest in (FEWEST_RINGS, 1):
             for row in range(len(chosen)):

@@ -22,6 +22,9 @@ SHORTLIST: Final = 60
 _LARGEST_SHARE: Final = 8
 """A piece of unknown scale is sought at least as large as a whole, and at most this many times smaller in area."""
 
+_COMMON: Final = 0.4
+"""Least share of the query's rings that a shape must have, too, at a scale: a few rings fit at too many scales."""
+
 _SCALES: Final = 4
 """Scales, the best of the scan, that are compared in detail for each shape of the short list."""
 
@@ -87,7 +90,8 @@ def search_parts(
     def compare(part: slice) -> None:
         for row, shape in zip(rows[part].tolist(), shapes[part], strict=True):
             best = np.argsort(scans[:, row], kind="stable")[:_SCALES].tolist()
-            compared = [_compared(query, trials[trial], shape, gallery[row], row) for trial in best]
+            fitting = [trial for trial in best if np.isfinite(scans[trial, row])] or best[:1]
+            compared = [_compared(query, trials[trial], shape, gallery[row], row) for trial in fitting]
             found[row] = min(compared, key=lambda each: each.distance)
 
     if len(rows):
@@ -114,7 +118,8 @@ def _scans(
     for variant in (variant, _Variant(larger, profiles_of(larger))):
         same = np.rint(OCTAVE * np.log2(areas / variant.local.area) / 2).astype(np.int64)  # where areas are equal
         shifts = same - np.arange(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1)[:, None]
-        scans.append(scan_shifted(variant.profiles, gallery, shifts, threads))
+        scanned, common = scan_shifted(variant.profiles, gallery, shifts, threads)
+        scans.append(np.where(common >= _COMMON, scanned, np.inf))
         trials += [_Trial(variant, each) for each in shifts]
     return np.concatenate(scans), trials
 

@@ -50,13 +50,13 @@ def test_a_piece_is_found_on_its_own_whole_then_on_another_pose_of_it(part, whol
 
 def test_a_piece_of_a_stranger_is_less_familiar_than_a_piece_of_the_class(part, surfaces, wholes):
     stranger = local_signatures(piece(surfaces["horse0"], "disc, .45", "horse0"))
-    members = [profiles_of(wholes[name]) for name in ("cat1", "cat0")]
+    cat, pose, dog = (wholes[name] for name in ("cat1", "cat0", "dog0"))
     ratios = []
     for query in (local_signatures(part), stranger):
-        found, sought = compare_parts(query, wholes["cat1"]), profiles_of(query)
-        scanned = float(scan_parts(sought, members[:1])[0])
-        ratios.append(unfamiliarity(sought, scanned, found, members[0], members[1:]))
-        assert unfamiliarity(sought, scanned, found, members[0], []) is None
+        found = compare_parts(query, cat)
+        next_class = compare_parts(query, dog).distance
+        ratios.append(unfamiliarity(query, found, cat, [pose], next_class))
+        assert unfamiliarity(query, found, cat, [], next_class) is None
     assert ratios[0] <= SLACK < ratios[1]
 
 

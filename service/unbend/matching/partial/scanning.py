@@ -94,8 +94,7 @@ def least(values: Singles) -> float:
     while count > 1:
         half = (count + 1) // 2
         for index in range(count - half):
-            one, other = values[index], values[index + half]
-            values[index] = one if one < other else other
+            values[index] = min(values[index], values[index + half])
         count = half
     return float(values[0])
 

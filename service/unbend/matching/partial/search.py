@@ -16,6 +16,9 @@ from unbend.matching.partial.scanning import scan_parts, scan_shifted
 from unbend.matching.selection import smallest
 from unbend.threads import share_out
 
+Load = Callable[[Indices], Sequence[LocalSignatures]]
+"""Returns the local signatures of some rows."""
+
 SHORTLIST: Final = 60
 """Shapes that are compared in detail."""
 
@@ -27,6 +30,9 @@ _COMMON: Final = 0.4
 
 _SCALES: Final = 4
 """Scales, the best of the scan, that are compared in detail for each shape of the short list."""
+
+_PARTS: Final = 4
+"""Steps of scale to a rung. The scan tries every second one, and then both neighbours of the best one are compared."""
 
 
 @dataclass(frozen=True)
@@ -43,24 +49,16 @@ class PartSearch:
 
 @dataclass(frozen=True)
 class _Variant:
-    """A query, as it is or half a rung larger."""
+    """A query, as it is or enlarged by a part of a rung."""
 
     local: LocalSignatures
     profiles: Profiles
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """A scale: a variant of the query, and its shift for each row, (n,)."""
-
-    variant: _Variant
-    shifts: Indices
-
-
 def search_parts(
     query: LocalSignatures,
     gallery: Sequence[Profiles],
-    load: Callable[[Indices], Sequence[LocalSignatures]],
+    load: Load,
     *,
     any_scale: bool = False,
     shortlist: int = SHORTLIST,
@@ -72,16 +70,16 @@ def search_parts(
     ----------
     query : LocalSignatures
     gallery : sequence of n Profiles
-    load : callable
-        Returns the local signatures of some rows.
+    load : Load
     any_scale : bool, default False
         The unit of the query's vertices may differ from that of the gallery's.
     shortlist : int, default 60
     threads : int, optional
         All cores by default. The result does not depend on it.
     """
-    scans, trials = _scans(query, gallery, any_scale=any_scale, threads=threads)
-    scanned = scans.min(axis=0)
+    variants = _variants(query, any_scale=any_scale)
+    scans, steps = _scans(variants, gallery, any_scale=any_scale, threads=threads)
+    scanned = scans.min(axis=0, initial=np.inf)
     distances = scanned.copy()
     rows = smallest(scanned, shortlist)
     shapes = load(rows)
@@ -89,10 +87,16 @@ def search_parts(
 
     def compare(part: slice) -> None:
         for row, shape in zip(rows[part].tolist(), shapes[part], strict=True):
-            best = np.argsort(scans[:, row], kind="stable")[:_SCALES].tolist()
-            fitting = [trial for trial in best if np.isfinite(scans[trial, row])] or best[:1]
-            compared = [_compared(query, trials[trial], shape, gallery[row], row) for trial in fitting]
-            found[row] = min(compared, key=lambda each: each.distance)
+            best = np.argsort(scans[:, row], kind="stable")[:_SCALES]
+            fitting = best[np.isfinite(scans[best, row])]
+            tried = {
+                step: _compared(variants, step, shape, gallery[row])
+                for step in steps[fitting if len(fitting) else best[:1], row].tolist()
+            }
+            if any_scale:
+                nearest = min(tried, key=lambda step: tried[step].distance)
+                tried |= {step: _compared(variants, step, shape, gallery[row]) for step in (nearest - 1, nearest + 1)}
+            found[row] = min(tried.values(), key=lambda each: each.distance)
 
     if len(rows):
         share_out(len(rows), threads, compare)
@@ -104,29 +108,33 @@ def search_parts(
     return PartSearch(distances, found, scanned)
 
 
+def _variants(query: LocalSignatures, *, any_scale: bool) -> list[_Variant]:
+    parts = [query, *(enlarged(query, part / _PARTS) for part in range(1, _PARTS) if any_scale)]
+    return [_Variant(each, profiles_of(each)) for each in parts]
+
+
 def _scans(
-    query: LocalSignatures, gallery: Sequence[Profiles], *, any_scale: bool, threads: int | None
-) -> tuple[Floats, list[_Trial]]:
-    """Return the distances at each scale, (s, n), and the scales."""
-    variant = _Variant(query, profiles_of(query))
+    variants: Sequence[_Variant], gallery: Sequence[Profiles], *, any_scale: bool, threads: int | None
+) -> tuple[Floats, Indices]:
+    """Return the distances at each scale, (s, n), and the scales, in parts of a rung."""
+    query = variants[0].profiles
     if not any_scale:
-        scanned = scan_parts(variant.profiles, gallery, threads)
-        return scanned[None], [_Trial(variant, np.zeros(len(gallery), np.int64))]
-    scans, trials = [], []
+        return scan_parts(query, gallery, threads)[None], np.zeros((1, len(gallery)), np.int64)
     areas = np.array([other.area for other in gallery])
-    larger = enlarged(query)
-    for variant in (variant, _Variant(larger, profiles_of(larger))):
-        same = np.rint(OCTAVE * np.log2(areas / variant.local.area) / 2).astype(np.int64)  # where areas are equal
-        shifts = same - np.arange(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1)[:, None]
-        scanned, common = scan_shifted(variant.profiles, gallery, shifts, threads)
+    same = np.rint(OCTAVE * np.log2(areas / query.area) / 2).astype(np.int64)  # where areas are equal
+    rungs = same - np.arange(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1)[:, None]
+    scans, steps = [], []
+    for part in range(0, _PARTS, 2):
+        shifts = rungs - (part > 0)
+        scanned, common = scan_shifted(variants[part].profiles, gallery, shifts, threads)
         scans.append(np.where(common >= _COMMON, scanned, np.inf))
-        trials += [_Trial(variant, each) for each in shifts]
-    return np.concatenate(scans), trials
+        steps.append(_PARTS * shifts + part)
+    return np.concatenate(scans), np.concatenate(steps)
 
 
-def _compared(query: LocalSignatures, trial: _Trial, shape: LocalSignatures, others: Profiles, row: int) -> Comparison:
-    """Compare one variant of the query with a shape, in the query's own unit."""
-    variant = trial.variant
-    factor = float(np.sqrt(variant.local.area / query.area))
-    found = compare_profiled(variant.local, variant.profiles, shape, others, int(trial.shifts[row]))
+def _compared(variants: Sequence[_Variant], step: int, shape: LocalSignatures, others: Profiles) -> Comparison:
+    """Compare the query with a shape at a scale, in the query's own unit."""
+    shift, part = divmod(step, _PARTS)
+    variant, factor = variants[part], 2.0 ** (part / _PARTS / OCTAVE)
+    found = compare_profiled(variant.local, variant.profiles, shape, others, shift)
     return replace(found, residual=found.residual / factor, scale=found.scale * factor)

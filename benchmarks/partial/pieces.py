@@ -222,7 +222,7 @@ def choose() -> None:
             query = local_signatures(piece(wholes.surfaces[own], cut, wholes.names[own]), threads=1)
             found.append(wholes.answer(own, query, wholes.partial(query), wholes.labels))
     slack = max(np.arange(0.5, 2.0, 0.01), key=lambda each: np.subtract(*accepted(found, each)))
-    exponent = max(np.arange(1.0, 60.0, 0.1), key=lambda each: likelihood(found, each))
+    exponent = max(np.arange(1.0, 150.0, 0.1), key=lambda each: likelihood(found, each))
     print(f"SLACK {slack:.2f}, accepted with and without the class: {accepted(found, slack)}; EXPONENT {exponent:.1f}")
 
 

@@ -18,7 +18,7 @@ from unbend.matching.partial.profiles import WIDEST, profiles_of
 EXPONENT: Final = 28.6
 """The exponent with which the confidence of a class falls with its distance."""
 
-SLACK: Final = 0.9
+SLACK: Final = 0.97
 """The largest unfamiliarity of a piece of a known class."""
 
 _USUAL: Final = 0.77

@@ -28,7 +28,7 @@ _LARGEST_SHARE: Final = 8
 _COMMON: Final = 0.4
 """Least share of the query's rings that a shape must have, too, at a scale: a few rings fit at too many scales."""
 
-_SCALES: Final = 4
+_SCALES: Final = 7
 """Scales, the best of the scan, that are compared in detail for each shape of the short list."""
 
 _PARTS: Final = 4

@@ -153,8 +153,8 @@ def main() -> None:
         rows.append([title, *cells])
         print(rows[-1], flush=True)
     note = (
-        f"The share of the {COUNT} key points of one pose that are within {NEAR} of the square root of the area of one of\n"
-        f"another pose of the same object, by the true correspondence; in brackets, the share of all points that are.\n"
+        f"The share of the {COUNT} key points of one pose that are within {NEAR} sqrt(area) of one\n"
+        "of another pose of the same object, by the true correspondence; in brackets, that of all points.\n"
         f"Of {CENTRES} points on each mesh, each key point is extreme among those nearer than {SCALE}.\n"
     )
     text = table(["key points", *FOLDERS], rows)

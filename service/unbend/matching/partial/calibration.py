@@ -15,10 +15,10 @@ from unbend.local.signatures import OCTAVE, LocalSignatures
 from unbend.matching.partial.comparison import Comparison, compare_profiled
 from unbend.matching.partial.profiles import WIDEST, profiles_of
 
-EXPONENT: Final = 28.6
+EXPONENT: Final = 33.7
 """The exponent with which the confidence of a class falls with its distance."""
 
-SLACK: Final = 0.97
+SLACK: Final = 0.9
 """The largest unfamiliarity of a piece of a known class."""
 
 _USUAL: Final = 0.77

@@ -127,7 +127,7 @@ def _anchors(between: Singles, weights: Singles) -> Indices:
 
 
 @inlined
-def _penalty(distance: float, expected: float, strictness: float) -> float:
+def _penalty(distance: np.float32, expected: np.float32, strictness: np.float32) -> np.float32:
     return min(abs(distance - expected) * strictness, LARGEST_PENALTY)
 
 
@@ -138,7 +138,7 @@ def _put(
     between: Singles,
     whole: Singles,
     anchors: Indices,
-    strictness: float,
+    strictness: np.float32,
     places: Indices,
 ) -> int:
     """Write the place of each circle by its distance from one anchor, and return the best anchor."""
@@ -170,7 +170,7 @@ def _put(
 
 @kernel
 def _moved(
-    found: Singles, weights: Singles, between: Singles, whole: Singles, strictness: float, places: Indices
+    found: Singles, weights: Singles, between: Singles, whole: Singles, strictness: np.float32, places: Indices
 ) -> float:
     """Move each circle once, in place, and return the mean difference with a share of the mean penalty."""
     count, columns = found.shape

@@ -29,7 +29,8 @@ def scan_parts(query: Profiles, gallery: Sequence[Profiles], threads: int | None
     threads : int, optional
         All cores by default.
     """
-    return scan_shifted(query, gallery, np.zeros((1, len(gallery)), np.int64), threads)[0][0]
+    distances, _ = scan_shifted(query, gallery, np.zeros((1, len(gallery)), np.int64), threads)
+    return np.asarray(distances[0])
 
 
 def scan_shifted(

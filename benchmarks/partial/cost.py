@@ -27,7 +27,7 @@ def main() -> None:
     costs = table(["vertices", "signature", "local signatures", "stored"], rows)
     cat = surfaces[1]
     whole, query = local_signatures(cat), local_signatures(piece(cat, "disc, .45", "cat0"))
-    gallery = [profiles_of(whole)] * SHAPES
+    gallery = [profiles_of(whole) for _ in range(SHAPES)]  # each in its own memory, as in a library
     scan = [
         best_of(2, lambda any_scale=any_scale: search_parts(query, gallery, _load(whole), any_scale=any_scale))
         for any_scale in (False, True)

@@ -1,7 +1,8 @@
 """Which whole is a piece of: the class and the origin of pieces of SHREC'11 and TOSCA, by several measures.
 
-python -m benchmarks.partial.pieces            # writes the section "pieces" of docs/benchmarks.md
-python -m benchmarks.partial.pieces choose     # prints the same for the half that constants come from
+python -m benchmarks.partial.pieces            # writes the sections "pieces" and "pieces-tosca" of docs/benchmarks.md
+python -m benchmarks.partial.pieces TOSCA      # writes one of them
+python -m benchmarks.partial.pieces choose     # prints constants by the half that they come from
 """
 
 from __future__ import annotations
@@ -126,8 +127,7 @@ class Wholes:
             [self.asked[row].local for row in members[:MEMBERS]],
             float(distances[labels != labels[best]].min()),
         )
-        assert ratio is not None
-        return ratio
+        return np.nan if ratio is None else ratio
 
 
 @dataclass(frozen=True)
@@ -141,11 +141,13 @@ class Answer:
 
 
 def accepted(answers: Sequence[Answer], slack: float) -> tuple[float, float]:
-    """Return the share of pieces accepted in a library with their class, and in one without it."""
-    return (
-        float(np.mean([each.familiar <= slack for each in answers])),
-        float(np.mean([each.strange <= slack for each in answers])),
-    )
+    """Return the share of pieces accepted in a library with their class, and in one without it.
+
+    Nothing is known of classes with a single member.
+    """
+    ratios = np.array([(each.familiar, each.strange) for each in answers])
+    familiar, strange = (float((each[~np.isnan(each)] <= slack).mean()) for each in ratios.T)
+    return familiar, strange
 
 
 def likelihood(answers: Sequence[Answer], exponent: float) -> float:
@@ -169,36 +171,35 @@ def in_another_unit(surface: Surface, name: str) -> Surface:
     return Surface(surface.vertices * 2.0 ** random.uniform(-1, 1), surface.faces)
 
 
-def measured() -> str:
+def measured(title: str) -> str:
     rows = []
-    for title, (dataset, which, step) in DATASETS.items():
-        wholes = Wholes(dataset, which)
-        labellings = {title: wholes.labels}
-        if (wholes.labels != wholes.apart).any():
-            labellings[f"{title}, each person a class"] = wholes.apart
-        owns = range(0, len(wholes.names), step)
-        for cut in (*CUTS, WHOLE):
-            default, known, unknown = [], [], []
-            locals_ = []
-            for own in owns:
-                surface, query = wholes.surfaces[own], wholes.asked[own]
-                if cut != WHOLE:
-                    surface = piece(surface, cut, wholes.names[own])
-                    query = asked(surface)
-                scaled = local_signatures(in_another_unit(surface, wholes.names[own]), threads=1)
-                locals_.append(query.local)
-                default.append(wholes.default(query))
-                known.append(wholes.partial(query.local))
-                unknown.append(wholes.partial(scaled, any_scale=True).distances)
-            for name, labels in labellings.items():
-                answers = [wholes.answer(own, *each, labels) for own, *each in zip(owns, locals_, known, strict=True)]
-                figures = [
-                    wholes.figures(each, step, labels)
-                    for each in (default, [found.distances for found in known], unknown)
-                ]
-                shares = ", ".join(f"{share:.2f}" for share in accepted(answers, SLACK))
-                rows.append([f"{name}, {len(owns)} pieces", cut, *figures, shares])
-                print(rows[-1], flush=True)
+    dataset, which, step = DATASETS[title]
+    wholes = Wholes(dataset, which)
+    labellings = {title: wholes.labels}
+    if (wholes.labels != wholes.apart).any():
+        labellings[f"{title}, each person a class"] = wholes.apart
+    owns = range(0, len(wholes.names), step)
+    for cut in (*CUTS, WHOLE):
+        default, known, unknown = [], [], []
+        locals_ = []
+        for own in owns:
+            surface, query = wholes.surfaces[own], wholes.asked[own]
+            if cut != WHOLE:
+                surface = piece(surface, cut, wholes.names[own])
+                query = asked(surface)
+            scaled = local_signatures(in_another_unit(surface, wholes.names[own]), threads=1)
+            locals_.append(query.local)
+            default.append(wholes.default(query))
+            known.append(wholes.partial(query.local))
+            unknown.append(wholes.partial(scaled, any_scale=True).distances)
+        for name, labels in labellings.items():
+            answers = [wholes.answer(own, *each, labels) for own, *each in zip(owns, locals_, known, strict=True)]
+            figures = [
+                wholes.figures(each, step, labels) for each in (default, [found.distances for found in known], unknown)
+            ]
+            shares = ", ".join(f"{share:.2f}" for share in accepted(answers, SLACK))
+            rows.append([f"{name}, {len(owns)} pieces", cut, *figures, shares])
+            print(rows[-1], flush=True)
     header = ["data", "piece", "`spectrum`, the default", "`partial`", "`partial_any_scale`", "known, with and without"]
     return table(header, rows)
 
@@ -226,11 +227,16 @@ def choose() -> None:
     print(f"SLACK {slack:.2f}, accepted with and without the class: {accepted(found, slack)}; EXPONENT {exponent:.1f}")
 
 
+SECTIONS = {"SHREC'11": "pieces", "TOSCA": "pieces-tosca"}
+
+
 def main() -> None:
     if sys.argv[1:] == ["choose"]:
         choose()
         return
-    write_section(ROOT / "docs" / "benchmarks.md", "pieces", f"{NOTES.format(per=PER_CLASS)}\n{measured()}")
+    for title in sys.argv[1:] or DATASETS:
+        notes = NOTES.format(per=PER_CLASS) + "\n" if title == "SHREC'11" else ""
+        write_section(ROOT / "docs" / "benchmarks.md", SECTIONS[title], f"{notes}{measured(title)}")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from unbend.local.signatures import LocalSignatures, local_signatures
 
 FOLDERS: Final = MappingProxyType({"TOSCA": "tosca5k", "FAUST": "faust5k"})
 
-POSES: Final = 3
+POSES: Final = 2
 """Poses of each object, the first by name."""
 
 CENTRES: Final = 1500
@@ -65,6 +65,7 @@ def by_mean_distance(each: Pose) -> Indices:
     return _maxima(each, each.local.distances.mean(axis=1))
 
 
+@cache
 def by_heat(each: Pose) -> Indices:
     return _maxima(each, _heat_kernel(each.subject.surface)[each.centres])
 

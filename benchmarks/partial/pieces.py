@@ -1,12 +1,14 @@
 """Which whole is a piece of: the class and the origin of pieces of SHREC'11 and TOSCA, by several measures.
 
-python -m benchmarks.partial.pieces            # writes the section "pieces" of docs/benchmarks.md
-python -m benchmarks.partial.pieces choose     # prints the same for the half that constants come from
+python -m benchmarks.partial.pieces            # writes the sections "pieces" and "pieces-tosca" of docs/benchmarks.md
+python -m benchmarks.partial.pieces TOSCA      # writes one of them
+python -m benchmarks.partial.pieces choose     # prints constants by the half that they come from
 """
 
 from __future__ import annotations
 
 import sys
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,17 +24,21 @@ from unbend.local.signatures import LocalSignatures, local_signatures
 from unbend.matching.classification.calibration import confidences
 from unbend.matching.measures.vectors import SPECTRUM
 from unbend.matching.partial import profiles_of
-from unbend.matching.partial.calibration import SLACK, unfamiliarity
+from unbend.matching.partial.calibration import MEMBERS, SLACK, unfamiliarity
 from unbend.matching.partial.search import PartSearch, search_parts
 from unbend.signature.signature import Signature
 
 PER_CLASS = 8
 """Shapes of each class of SHREC'11, as in the issue that asked for parts."""
 
-STEP = 3
-"""Pieces are cut of every third whole, so that the script takes minutes."""
+DATASETS = {"SHREC'11": ("shrec11_simplified", 1, 3), "TOSCA": ("tosca5k", None, 1)}
+"""Folder, the half of the classes that is reported (None: all), and the step of the wholes that pieces are cut of.
 
-DATASETS = {"SHREC'11": "shrec11_simplified", "TOSCA": "tosca5k"}
+Constants come from the other half of SHREC'11 alone.
+"""
+
+WHOLE = "none, a whole shape"
+"""The row of whole shapes, which ask for other shapes of their class."""
 
 
 @dataclass(frozen=True)
@@ -53,34 +59,33 @@ def asked(surface: Surface, *, whole: bool = True) -> Asked:
 
 
 class Wholes:
-    """The wholes of one half of the classes of a data set, and pieces of them."""
+    """The wholes of one half of the classes of a data set, or of all (None), and pieces of them."""
 
-    def __init__(self, dataset: str, which: int, *, whole: bool = True) -> None:
+    def __init__(self, dataset: str, which: int | None, *, whole: bool = True) -> None:
         paths, labels = listed(dataset)
-        classes, _ = np.unique(labels, return_inverse=True)
-        chosen = np.flatnonzero(half(labels, which))
+        _, apart = listed(dataset, merged=False)
+        wanted = np.ones(len(labels), bool) if which is None else half(labels, which)
         if dataset == "shrec11_simplified":
-            chosen = np.concatenate([np.flatnonzero(np.array(labels) == each)[:PER_CLASS] for each in classes])
-            chosen = chosen[half(labels, which)[chosen]]
+            first = [np.flatnonzero(np.array(labels) == each)[:PER_CLASS] for each in np.unique(labels)]
+            wanted &= np.isin(np.arange(len(labels)), np.concatenate(first))
+        chosen = np.flatnonzero(wanted)
+        chosen = chosen[np.argsort(np.array(labels)[chosen], kind="stable")]
         self.names = [paths[row].stem for row in chosen]
         self.labels = np.array(labels)[chosen]
+        self.apart = np.array(apart)[chosen]
         self.surfaces = [unit(read_mesh(paths[row])) for row in chosen]
         self.asked = [asked(surface, whole=whole) for surface in self.surfaces]
         self.profiles = [profiles_of(each.local) for each in self.asked]
         self.vectors = np.array([_vector(each) for each in self.asked if each.whole])
 
-    def pieces(self, cut: str) -> list[Asked]:
-        chosen = zip(self.surfaces[::STEP], self.names[::STEP], strict=True)
-        return [asked(piece(surface, cut, name)) for surface, name in chosen]
-
-    def partial(self, query: Asked, *, any_scale: bool = False) -> PartSearch:
+    def partial(self, query: LocalSignatures, *, any_scale: bool = False) -> PartSearch:
         load = partial(_load, self.asked)
-        return search_parts(query.local, self.profiles, load, any_scale=any_scale)
+        return search_parts(query, self.profiles, load, any_scale=any_scale, threads=1)
 
     def default(self, query: Asked) -> Floats:
         return SPECTRUM.distances(_vector(query), self.vectors)
 
-    def figures(self, distances: Sequence[Floats], step: int = 1) -> str:
+    def figures(self, distances: Sequence[Floats], step: int, labels: Sequence[str]) -> str:
         """Return nearest class, first tier, and how often the own original comes first.
 
         `distances` are those of the pieces of every `step`-th whole.
@@ -89,40 +94,40 @@ class Wholes:
         for own, row in zip(range(0, len(self.names), step), distances, strict=True):
             first = bool((row < row[own]).sum() == 0)
             others = np.where(np.arange(len(row)) == own, np.inf, row)
-            same = self.labels == self.labels[own]
+            same = labels == labels[own]
             nearest = np.argsort(others, kind="stable")[: same.sum() - 1]
             rows.append((bool(same[nearest[0]]), same[nearest].mean(), first))
         nearest_class, tier, origin = np.mean(rows, axis=0)
         return f"{nearest_class:.2f}, {tier:.2f}, {origin:.2f}"
 
-    def answer(self, own: int, query: Asked, found: PartSearch) -> Answer:
+    def answer(self, own: int, query: LocalSignatures, found: PartSearch, labels: Sequence[str]) -> Answer:
         """Return what a library without row `own` says about its piece."""
         distances = np.where(np.arange(len(self.names)) == own, np.inf, found.distances)
-        by_class = {label: float(distances[self.labels == label].min()) for label in np.unique(self.labels)}
-        strange = np.where(self.labels == self.labels[own], np.inf, distances)
+        by_class = {label: float(distances[labels == label].min()) for label in np.unique(labels)}
+        strange = np.where(labels == labels[own], np.inf, distances)
         return Answer(
-            self._unfamiliarity(query, found, distances),
-            self._unfamiliarity(query, found, strange),
-            by_class.pop(self.labels[own]),
+            self._unfamiliarity(query, found, distances, labels),
+            self._unfamiliarity(query, found, strange, labels),
+            by_class.pop(labels[own]),
             tuple(by_class.values()),
         )
 
-    def _unfamiliarity(self, query: Asked, found: PartSearch, distances: Floats) -> float:
+    def _unfamiliarity(
+        self, query: LocalSignatures, found: PartSearch, distances: Floats, labels: Sequence[str]
+    ) -> float:
         best = int(distances.argmin())
         if best not in found.comparisons:  # no circle of the piece fits
             return np.inf
         order = np.argsort(distances, kind="stable")
-        others = [row for row in order if self.labels[row] == self.labels[best] and row != best]
-        members = [self.profiles[row] for row in others if np.isfinite(distances[row])]
+        members = [row for row in order if labels[row] == labels[best] and row != best and np.isfinite(distances[row])]
         ratio = unfamiliarity(
-            profiles_of(query.local),
-            float(found.scanned[best]),
+            query,
             found.comparisons[best],
-            self.profiles[best],
-            members,
+            self.asked[best].local,
+            [self.asked[row].local for row in members[:MEMBERS]],
+            float(distances[labels != labels[best]].min()),
         )
-        assert ratio is not None
-        return ratio
+        return np.nan if ratio is None else ratio
 
 
 @dataclass(frozen=True)
@@ -136,11 +141,13 @@ class Answer:
 
 
 def accepted(answers: Sequence[Answer], slack: float) -> tuple[float, float]:
-    """Return the share of pieces accepted in a library with their class, and in one without it."""
-    return (
-        float(np.mean([each.familiar <= slack for each in answers])),
-        float(np.mean([each.strange <= slack for each in answers])),
-    )
+    """Return the share of pieces accepted in a library with their class, and in one without it.
+
+    Nothing is known of classes with a single member.
+    """
+    ratios = np.array([(each.familiar, each.strange) for each in answers])
+    familiar, strange = (float((each[~np.isnan(each)] <= slack).mean()) for each in ratios.T)
+    return familiar, strange
 
 
 def likelihood(answers: Sequence[Answer], exponent: float) -> float:
@@ -158,63 +165,78 @@ def _load(wholes: Sequence[Asked], rows: Floats) -> list[LocalSignatures]:
     return [wholes[int(row)].local for row in rows]
 
 
-def measured(which: int) -> str:
+def in_another_unit(surface: Surface, name: str) -> Surface:
+    """Return a surface scaled by a random factor between a half and two, the same on every run."""
+    random = np.random.default_rng(zlib.crc32(f"unit/{name}".encode()))
+    return Surface(surface.vertices * 2.0 ** random.uniform(-1, 1), surface.faces)
+
+
+def measured(title: str) -> str:
     rows = []
-    for title, dataset in DATASETS.items():
-        wholes = Wholes(dataset, which)
-        for cut in CUTS:
-            pieces = wholes.pieces(cut)
-            found = [wholes.partial(each) for each in pieces]
-            known = [each.distances for each in found]
-            unknown = [wholes.partial(each, any_scale=True).distances for each in pieces]
-            answers = [wholes.answer(own * STEP, *pair) for own, pair in enumerate(zip(pieces, found, strict=True))]
-            with_class, without = accepted(answers, SLACK)
-            rows.append(
-                [
-                    f"{title}, {len(pieces)} pieces",
-                    cut,
-                    wholes.figures([wholes.default(each) for each in pieces], STEP),
-                    wholes.figures(known, STEP),
-                    wholes.figures(unknown, STEP),
-                    f"{with_class:.2f}, {without:.2f}",
-                ]
-            )
+    dataset, which, step = DATASETS[title]
+    wholes = Wholes(dataset, which)
+    labellings = {title: wholes.labels}
+    if (wholes.labels != wholes.apart).any():
+        labellings[f"{title}, each person a class"] = wholes.apart
+    owns = range(0, len(wholes.names), step)
+    for cut in (*CUTS, WHOLE):
+        default, known, unknown = [], [], []
+        locals_ = []
+        for own in owns:
+            surface, query = wholes.surfaces[own], wholes.asked[own]
+            if cut != WHOLE:
+                surface = piece(surface, cut, wholes.names[own])
+                query = asked(surface)
+            scaled = local_signatures(in_another_unit(surface, wholes.names[own]), threads=1)
+            locals_.append(query.local)
+            default.append(wholes.default(query))
+            known.append(wholes.partial(query.local))
+            unknown.append(wholes.partial(scaled, any_scale=True).distances)
+        for name, labels in labellings.items():
+            answers = [wholes.answer(own, *each, labels) for own, *each in zip(owns, locals_, known, strict=True)]
+            figures = [
+                wholes.figures(each, step, labels) for each in (default, [found.distances for found in known], unknown)
+            ]
+            shares = ", ".join(f"{share:.2f}" for share in accepted(answers, SLACK))
+            rows.append([f"{name}, {len(owns)} pieces", cut, *figures, shares])
             print(rows[-1], flush=True)
     header = ["data", "piece", "`spectrum`, the default", "`partial`", "`partial_any_scale`", "known, with and without"]
     return table(header, rows)
 
 
 NOTES = """\
-Pieces of shapes of area 1, each asked of all wholes of {classes} of the classes, {per} shapes of each class of SHREC'11
-and all of TOSCA, whose persons are one class. In each cell: the share of pieces whose nearest whole, apart from their
-own, has their class; the first tier; the share of pieces whose own whole comes first. The last column is the share of
-pieces that `partial` calls known in a library with their class, and in one without it. Pieces were cut of every third
-whole, which leaves few of TOSCA. The constants were chosen on the other half of the classes
-(`python -m benchmarks.partial.pieces`).
+Pieces of shapes of area 1, each asked of all wholes: {per} shapes of each class of half of the classes of SHREC'11, and
+all of TOSCA. In each cell: the share of pieces whose nearest whole, apart from their own, has their class; the first
+tier; the share of pieces whose own whole comes first. For `partial_any_scale` each piece was scaled by a random factor
+between a half and two. The last column is the share of pieces that `partial` calls known in a library with their class,
+and in one without it. The persons of TOSCA are one class, or each person is a class. The constants were chosen on the
+other half of the classes of SHREC'11 (`python -m benchmarks.partial.pieces choose`).
 """
 
 
 def choose() -> None:
-    """Print the constants by small discs of the other half of the classes: of every third shape of SHREC'11."""
+    """Print constants by pieces of the other half of SHREC'11: of every second shape."""
     found: list[Answer] = []
-    for dataset, step in (("shrec11_simplified", 3), ("tosca5k", 1)):
-        wholes = Wholes(dataset, 0, whole=False)
-        for cut in ("disc, .45", "disc, .30"):
-            for own in range(0, len(wholes.names), step):
-                query = Asked(local_signatures(piece(wholes.surfaces[own], cut, wholes.names[own]), threads=1), None)
-                found.append(wholes.answer(own, query, wholes.partial(query)))
-    slack = max(np.arange(0.6, 3.0, 0.01), key=lambda each: np.subtract(*accepted(found, each)))
-    exponent = max(np.arange(1.0, 60.0, 0.1), key=lambda each: likelihood(found, each))
+    wholes = Wholes("shrec11_simplified", 0, whole=False)
+    for cut in CUTS:
+        for own in range(0, len(wholes.names), 2):
+            query = local_signatures(piece(wholes.surfaces[own], cut, wholes.names[own]), threads=1)
+            found.append(wholes.answer(own, query, wholes.partial(query), wholes.labels))
+    slack = max(np.arange(0.5, 2.0, 0.01), key=lambda each: np.subtract(*accepted(found, each)))
+    exponent = max(np.arange(1.0, 150.0, 0.1), key=lambda each: likelihood(found, each))
     print(f"SLACK {slack:.2f}, accepted with and without the class: {accepted(found, slack)}; EXPONENT {exponent:.1f}")
+
+
+SECTIONS = {"SHREC'11": "pieces", "TOSCA": "pieces-tosca"}
 
 
 def main() -> None:
     if sys.argv[1:] == ["choose"]:
         choose()
         return
-    text = measured(1)
-    notes = NOTES.format(classes="half", per=PER_CLASS)
-    write_section(ROOT / "docs" / "benchmarks.md", "pieces", f"{notes}\n{text}")
+    for title in sys.argv[1:] or DATASETS:
+        notes = NOTES.format(per=PER_CLASS) + "\n" if title == "SHREC'11" else ""
+        write_section(ROOT / "docs" / "benchmarks.md", SECTIONS[title], f"{notes}{measured(title)}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -30,11 +31,19 @@ def part() -> Surface:
     return piece(EGG, "disc, .45", "egg")
 
 
-@pytest.fixture
-def library(tmp_path):
-    with Library(str(tmp_path / "shapes.db")) as opened:
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("filled") / "shapes.db"
+    with Library(str(path)) as opened:
         for name, surface in {"egg": EGG, "ball": BALL, "ring": RING}.items():
             opened.add(ply(surface), name=name, label=name, parameters=FEW)
+    return path
+
+
+@pytest.fixture
+def library(tmp_path, filled):
+    shutil.copytree(filled.parent, tmp_path / "copy")
+    with Library(str(tmp_path / "copy" / filled.name)) as opened:
         yield opened
 
 

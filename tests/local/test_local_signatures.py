@@ -53,9 +53,10 @@ def test_radii_are_absolute_so_that_a_larger_surface_has_the_same_circles_some_r
     np.testing.assert_allclose(large.distances, 2 * small.distances, atol=1e-4)
 
 
-def test_half_a_rung_is_interpolated():
+@pytest.mark.parametrize("rungs", [0.25, 0.5])
+def test_parts_of_a_rung_are_interpolated(rungs):
     surface = cylinder(4.0)
-    between, factor = enlarged(local_signatures(surface)), 2.0**0.125
+    between, factor = enlarged(local_signatures(surface), rungs), 2.0 ** (rungs / 4)
     made = local_signatures(Surface(surface.vertices * factor, surface.faces))
     assert between.area == pytest.approx(made.area)
     shift = between.first - made.first

@@ -154,15 +154,18 @@ def local_signatures(
     )
 
 
-def enlarged(local: LocalSignatures) -> LocalSignatures:
-    """Return the local signatures of the same surface enlarged 2^(1/8)-fold, half a rung, with one circle fewer."""
-    factor = np.float32(2.0 ** (0.5 / OCTAVE))
+def enlarged(local: LocalSignatures, rungs: float) -> LocalSignatures:
+    """Return the local signatures of the same surface enlarged by a part of a rung, with one circle fewer.
+
+    Circles between those that were drawn are interpolated.
+    """
+    factor = np.float32(2.0 ** (rungs / OCTAVE))
     count = local.growth.shape[1]
     smooth = CubicSpline(np.arange(count), np.log(local.growth), axis=1)
     return replace(
         local,
         places=local.places * factor,
-        growth=np.exp(smooth(np.arange(count - 1) + 0.5)).astype(np.float32),
+        growth=np.exp(smooth(np.arange(1, count) - rungs)).astype(np.float32),
         first=local.first + 1,
         reach=local.reach * factor,
         distances=local.distances * factor,

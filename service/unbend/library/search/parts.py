@@ -19,8 +19,8 @@ from unbend.library.storage.store import Store
 from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
 from unbend.matching.classification import ClassMatch
 from unbend.matching.classification.calibration import confidences
-from unbend.matching.partial import PartSearch, Profiles, profiles_of, search_parts
-from unbend.matching.partial.calibration import EXPONENT, SLACK, unfamiliarity
+from unbend.matching.partial import Load, PartSearch, Profiles, profiles_of, search_parts
+from unbend.matching.partial.calibration import EXPONENT, MEMBERS, SLACK, unfamiliarity
 from unbend.matching.selection import smallest
 from unbend.signature.signature import Signature
 
@@ -117,9 +117,9 @@ def rank_parts(store: Store, index: PartIndex, query: Signature | str, request: 
         rows = smallest(found.distances, request.k)
         seqs, distances = [gallery.seqs[row] for row in rows], found.distances[rows].tolist()
         matches = shape_rows.get_matches(connection, seqs, distances)
+        classes = _classes(gallery.labels, found.distances)
+        known = _known(local, gallery, found, classes, load) if classes else None
     detailed = [replace(match, part=_part(found, row)) for match, row in zip(matches, rows.tolist(), strict=True)]
-    classes = _classes(gallery.labels, found.distances)
-    known = _known(profiles_of(local), gallery, found, classes[0].label) if classes else None
     return Ranking(request.measure, classes, detailed, known, (*warnings, *_missing(whole.missing)))
 
 
@@ -136,15 +136,17 @@ def _query_of(connection: Connection, query: Signature | str) -> tuple[LocalSign
     return found[seq], seq, parameters, warnings
 
 
-def _known(query: Profiles, gallery: PartGallery, found: PartSearch, label: str) -> bool | None:
+def _known(
+    query: LocalSignatures, gallery: PartGallery, found: PartSearch, classes: Sequence[ClassMatch], load: Load
+) -> bool | None:
     """Return whether a query is as near to the best class as its members are to each other at the same place."""
-    rows = [row for row, each in enumerate(gallery.labels) if each == label]
+    rows = [row for row, each in enumerate(gallery.labels) if each == classes[0].label]
     rows.sort(key=lambda row: (found.distances[row], row))
     if rows[0] not in found.comparisons:
         return None
-    others = [gallery.profiles[row] for row in rows[1:]]
-    nearest = gallery.profiles[rows[0]]
-    ratio = unfamiliarity(query, float(found.scanned[rows[0]]), found.comparisons[rows[0]], nearest, others)
+    nearest, *members = load(np.array(rows[: MEMBERS + 1]))
+    next_class = classes[1].distance if len(classes) > 1 else None
+    ratio = unfamiliarity(query, found.comparisons[rows[0]], nearest, members, next_class)
     return None if ratio is None else ratio <= SLACK
 
 

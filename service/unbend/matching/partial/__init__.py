@@ -3,11 +3,12 @@
 from unbend.matching.partial.comparison import Comparison, compare_parts
 from unbend.matching.partial.measure import PART_MEASURES, PartMeasure
 from unbend.matching.partial.profiles import Profiles, profiles_of
-from unbend.matching.partial.search import PartSearch, search_parts
+from unbend.matching.partial.search import Load, PartSearch, search_parts
 
 __all__ = [
     "PART_MEASURES",
     "Comparison",
+    "Load",
     "PartMeasure",
     "PartSearch",
     "Profiles",

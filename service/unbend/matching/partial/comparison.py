@@ -8,10 +8,10 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from unbend.arrays import Indices, Singles
-from unbend.jit import kernel
+from unbend.jit import inlined, kernel
 from unbend.local.signatures import OCTAVE, LocalSignatures
-from unbend.matching.partial.profiles import profiles_of
-from unbend.matching.partial.scanning import differences, ordered
+from unbend.matching.partial.profiles import Profiles, profiles_of
+from unbend.matching.partial.scanning import differences, least, ordered
 
 Relation = Literal["part", "contains", "whole"]
 """What a query is to a shape: a part of it, larger and containing it, or a whole shape like it."""
@@ -22,11 +22,17 @@ ANCHORS: Final = 3
 CANDIDATES: Final = 4
 """Places that are tried for each anchor."""
 
-STRICTNESS: Final = 3.0
-"""Penalty for a distance that differs by the square root of the larger area, in units of the usual deviation."""
+STRICTNESS: Final = 4.3
+"""Penalty for a distance that differs by the square root of the smaller area, in units of the usual deviation."""
 
-LARGEST_PENALTY: Final = 1.0
+LARGEST_PENALTY: Final = np.float32(1.0)
 """Penalty at which a distance counts as wrong, however wrong: a cut may lengthen it, or the mesh a circle."""
+
+_SHARE: Final = np.float32(0.5)
+"""Share of the mean penalty that is added to the mean difference: penalties of one circle depend on each other."""
+
+_SWEEPS: Final = 2
+"""Times that each circle is moved to the place that agrees best with those of all others."""
 
 _AS_LARGE: Final = 0.95
 """A query of at least this share of a shape's area is no part of it, but a whole."""
@@ -37,7 +43,7 @@ class Comparison:
     """The relation of a query to a shape, and how well they agree."""
 
     distance: float
-    """Mean difference of the circles at their places, with penalties for displaced ones; about 1 between poses."""
+    """Mean difference of the circles at their places, and half of the mean penalty for distances between them."""
     relation: Relation
     covered: float
     """Area of the smaller surface over that of the larger one, at most 1."""
@@ -63,7 +69,8 @@ def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0
 
     One circle of the smaller surface, the anchor, is put on each of the most similar places of the larger one. Then
     each other circle goes to the place that differs least, with a penalty for a wrong distance from the anchor. The
-    best of all anchors and places counts.
+    best of all anchors and places counts. From there each circle moves to the place that differs least, with the mean
+    penalty for wrong distances from all others.
 
     Parameters
     ----------
@@ -71,8 +78,14 @@ def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0
     shift : int, default 0
         Lengths of the query count 2^(shift / 4)-fold.
     """
+    return compare_profiled(query, profiles_of(query), shape, profiles_of(shape), shift)
+
+
+def compare_profiled(
+    query: LocalSignatures, profiles: Profiles, shape: LocalSignatures, others: Profiles, shift: int
+) -> Comparison:
+    """Return `compare_parts` of surfaces whose profiles are known."""
     unit = float(2.0 ** (shift / OCTAVE))
-    profiles, others = profiles_of(query), profiles_of(shape)
     small, large, moved = ordered(profiles, others, shift)
     part, whole = (query, shape) if small is profiles else (shape, query)
     factor = unit if small is profiles else 1 / unit
@@ -82,12 +95,13 @@ def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0
     weights = np.where(comparable, small.weights, np.float32(0))
     found[~comparable] = 0.0
     places = np.zeros(len(small.chosen), np.int64)
-    root = np.sqrt(large.area)
-    distance, anchor = _best_places(
-        found, weights, between, whole.distances, _anchors(between, weights), STRICTNESS / root, places
-    )
+    strictness = np.float32(STRICTNESS / (np.sqrt(small.area) * factor))
+    anchor = _put(found, weights, between, whole.distances, _anchors(between, weights), strictness, places)
+    distance = np.inf
+    for _ in range(_SWEEPS if weights.any() else 0):
+        distance = _moved(found, weights, between, whole.distances, strictness, places)
     errors = np.abs(whole.distances[places[anchor], places] - between[anchor])[comparable]
-    kept = errors * (STRICTNESS / root) < LARGEST_PENALTY
+    kept = errors * strictness < LARGEST_PENALTY
     ratio = small.area * factor**2 / large.area
     relation: Relation = "whole"
     if small.is_open and ratio < _AS_LARGE:
@@ -112,41 +126,68 @@ def _anchors(between: Singles, weights: Singles) -> Indices:
     return np.array(anchors)
 
 
+@inlined
+def _penalty(distance: np.float32, expected: np.float32, strictness: np.float32) -> np.float32:
+    return min(abs(distance - expected) * strictness, LARGEST_PENALTY)
+
+
 @kernel
-def _best_places(
+def _put(
     found: Singles,
     weights: Singles,
     between: Singles,
     whole: Singles,
     anchors: Indices,
-    strictness: float,
+    strictness: np.float32,
     places: Indices,
-) -> tuple[float, int]:
-    """Write the best place of each circle; return the mean difference, and the anchor of these places."""
+) -> int:
+    """Write the place of each circle by its distance from one anchor, and return the best anchor."""
     count, columns = found.shape
-    best, best_anchor = np.inf, 0
-    trial = np.empty(count, np.int64)
+    best, best_anchor, best_place = np.inf, 0, 0
+    values = np.empty(columns, np.float32)
     for anchor in anchors:
         order = np.argsort(found[anchor])
         for place in order[:CANDIDATES]:
-            total = 0.0
+            total = weights[anchor] * float(found[anchor, place])
             for row in range(count):
-                least, at = np.inf, place
-                if row == anchor:
-                    least = found[row, place]
-                else:
+                if row != anchor:
+                    expected = between[anchor, row]
                     for column in range(columns):
-                        if found[row, column] < least:
-                            error = abs(whole[place, column] - between[anchor, row]) * strictness
-                            value = found[row, column] + min(error, LARGEST_PENALTY)
-                            if value < least:
-                                least, at = value, column
-                trial[row] = at
-                total += weights[row] * least
-                if total >= best:
-                    break
+                        values[column] = found[row, column] + _penalty(whole[place, column], expected, strictness)
+                    total += weights[row] * least(values)
+                    if total >= best:
+                        break
             if total < best:
-                best, best_anchor = total, anchor
-                places[:] = trial
-    total_weight = weights.sum()
-    return best / total_weight if total_weight > 0 else np.inf, best_anchor
+                best, best_anchor, best_place = total, anchor, place
+    for row in range(count):
+        expected = between[best_anchor, row]
+        for column in range(columns):
+            values[column] = found[row, column] + _penalty(whole[best_place, column], expected, strictness)
+        places[row] = values.argmin()
+    places[best_anchor] = best_place
+    return best_anchor
+
+
+@kernel
+def _moved(
+    found: Singles, weights: Singles, between: Singles, whole: Singles, strictness: np.float32, places: Indices
+) -> float:
+    """Move each circle once, in place, and return the mean difference with a share of the mean penalty."""
+    count, columns = found.shape
+    total, total_weight = 0.0, weights.sum()
+    values = np.empty(columns, np.float32)
+    for row in range(count):
+        values[:] = np.float32(0)
+        for other in range(count):
+            if other != row and weights[other] > 0:
+                weight, expected, distances = weights[other], between[other, row], whole[places[other]]
+                for column in range(columns):
+                    values[column] += weight * _penalty(distances[column], expected, strictness)
+        left = total_weight - weights[row]
+        share = np.float32(1) / left if left > 0 else np.float32(0)
+        for column in range(columns):
+            values[column] = found[row, column] + share * values[column]
+        places[row] = values.argmin()
+        penalty = values[places[row]] - found[row, places[row]]
+        total += weights[row] * (found[row, places[row]] + _SHARE * penalty)
+    return float(total / total_weight)

@@ -35,7 +35,7 @@ class Profiles:
     """Rings without what they repeat, in units of their usual deviation, and what else a comparison needs."""
 
     values: Singles
-    """(c, r): value k of a centre is that of the ring with the outer radius 2^((first + k) / 4)."""
+    """(r, c): row k is that of the rings with the outer radius 2^((first + k) / 4)."""
     first: int
     chosen: Indices
     """Centres to seek on a larger surface, (m,), the farthest from the boundary first."""
@@ -59,7 +59,7 @@ def profiles_of(local: LocalSignatures) -> Profiles:
     good = order[complete[order] >= _FEWEST]
     chosen = (good if len(good) >= _FEWEST else order[:_FEWEST])[:COMPARED]
     return Profiles(
-        values=np.ascontiguousarray(values, np.float32),
+        values=np.ascontiguousarray(values.T, np.float32),
         first=local.first + 2,
         chosen=chosen.astype(np.int64),
         rings=np.maximum(complete[chosen], 1).astype(np.int32),

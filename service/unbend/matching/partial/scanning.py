@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, Singles
-from unbend.jit import kernel, summing
+from unbend.jit import kernel
 from unbend.matching.partial.profiles import WIDEST, Profiles
 from unbend.threads import share_out
 
@@ -16,7 +16,7 @@ FEWEST_RINGS: Final = 3
 """Circles with fewer rings in common are compared only if there are no others."""
 
 
-def scan_parts(query: Profiles, gallery: Sequence[Profiles], shift: int = 0, threads: int | None = None) -> Floats:
+def scan_parts(query: Profiles, gallery: Sequence[Profiles], threads: int | None = None) -> Floats:
     """Return the distance from `query` to each of `gallery`, (n,).
 
     The distance is the weighted mean, over the chosen circles of the smaller surface, of the mean difference between
@@ -26,23 +26,49 @@ def scan_parts(query: Profiles, gallery: Sequence[Profiles], shift: int = 0, thr
     ----------
     query : Profiles
     gallery : sequence of n Profiles
-    shift : int, default 0
-        Rungs by which the query's rings count as larger, for a query in another unit.
     threads : int, optional
         All cores by default.
     """
-    distances = np.empty(len(gallery))
+    distances, _ = scan_shifted(query, gallery, np.zeros((1, len(gallery)), np.int64), threads)
+    return np.asarray(distances[0])
+
+
+def scan_shifted(
+    query: Profiles, gallery: Sequence[Profiles], shifts: Indices, threads: int | None = None
+) -> tuple[Floats, Floats]:
+    """Return the distances of `scan_parts` for a query in other units, (s, n), and the share of rings in common.
+
+    Parameters
+    ----------
+    query : Profiles
+    gallery : sequence of n Profiles
+    shifts : (s, n) int64
+        Rungs by which the query's rings count as larger.
+    threads : int, optional
+    """
+    distances, common = np.empty(shifts.shape), np.empty(shifts.shape)
+    contains = np.array([other.is_open for other in gallery], bool) & (
+        np.array([other.area for other in gallery]) < query.area * 2.0 ** (shifts / 2)
+    )
 
     def fill(part: slice) -> None:
         for row in range(part.start, part.stop):
-            small, large, moved = ordered(query, gallery[row], shift)
-            distances[row] = _mean_nearest(
-                small.values, small.chosen, small.rings, small.weights, large.values, large.first - small.first - moved
-            )
+            other, turned = gallery[row], contains[:, row]
+            if not turned.all():
+                distances[~turned, row], common[~turned, row] = _scanned(query, other, shifts[~turned, row])
+            if turned.any():
+                distances[turned, row], common[turned, row] = _scanned(other, query, -shifts[turned, row])
 
     if len(gallery):
         share_out(len(gallery), threads, fill)
-    return distances
+    return distances, common
+
+
+def _scanned(small: Profiles, large: Profiles, shifts: Indices) -> tuple[Floats, Floats]:
+    result, common = np.empty(len(shifts)), np.empty(len(shifts))
+    offsets = large.first - small.first - shifts
+    _mean_nearest(small.values, small.chosen, small.rings, small.weights, large.values, offsets, result, common)
+    return result, common
 
 
 def ordered(query: Profiles, other: Profiles, shift: int) -> tuple[Profiles, Profiles, int]:
@@ -57,17 +83,21 @@ def ordered(query: Profiles, other: Profiles, shift: int) -> tuple[Profiles, Pro
 
 def differences(small: Profiles, large: Profiles, moved: int) -> Singles:
     """Return the mean difference of each chosen circle of `small` from each circle of `large`, (m, c)."""
-    result = np.empty((len(small.chosen), len(large.values)), np.float32)
+    result = np.empty((len(small.chosen), large.values.shape[1]), np.float32)
     _differences(small.values, small.chosen, small.rings, large.values, large.first - small.first - moved, result)
     return result
 
 
-@summing
-def _difference(sought: Singles, given: Singles, start: int, end: int, offset: int) -> float:
-    total = np.float32(0)
-    for ring in range(start, end):
-        total += abs(sought[ring] - given[ring - offset])
-    return float(total / np.float32(end - start))
+@kernel
+def least(values: Singles) -> float:
+    """Return the smallest of `values`, which are overwritten: halves are compared, which fills vector registers."""
+    count = len(values)
+    while count > 1:
+        half = (count + 1) // 2
+        for index in range(count - half):
+            values[index] = min(values[index], values[index + half])
+        count = half
+    return float(values[0])
 
 
 @kernel
@@ -77,30 +107,53 @@ def _common(rings: int, offset: int, sought: int, given: int) -> tuple[int, int]
 
 
 @kernel
+def _sums(values: Singles, centre: int, large: Singles, start: int, end: int, offset: int, sums: Singles) -> None:
+    """Write the sums of the differences of some rings of a centre from those of each circle of `large`."""
+    sums[:] = np.float32(0)
+    for ring in range(start, end):
+        sought, given = values[ring, centre], large[ring - offset]
+        for column in range(len(sums)):
+            sums[column] += abs(sought - given[column])
+
+
+@kernel
 def _differences(values: Singles, chosen: Indices, rings: Ints, large: Singles, offset: int, result: Singles) -> None:
     for row in range(len(chosen)):
-        start, end = _common(rings[row], offset, values.shape[1], large.shape[1])
-        for column in range(len(large)):
-            if end - start < 1:
-                result[row, column] = np.inf
-            else:
-                result[row, column] = _difference(values[chosen[row]], large[column], start, end, offset)
+        start, end = _common(rings[row], offset, len(values), len(large))
+        if end - start < 1:
+            result[row] = np.inf
+        else:
+            _sums(values, chosen[row], large, start, end, offset, result[row])
+            result[row] /= np.float32(end - start)
 
 
 @kernel
 def _mean_nearest(
-    values: Singles, chosen: Indices, rings: Ints, weights: Singles, large: Singles, offset: int
-) -> float:
-    total, weight = 0.0, 0.0
-    for fewest in (FEWEST_RINGS, 1):
+    values: Singles,
+    chosen: Indices,
+    rings: Ints,
+    weights: Singles,
+    large: Singles,
+    offsets: Indices,
+    result: Floats,
+    common: Floats,
+) -> None:
+    sums = np.empty(large.shape[1], np.float32)
+    for index, offset in enumerate(offsets):
+        shared, every = 0.0, 0.0
         for row in range(len(chosen)):
-            start, end = _common(rings[row], offset, values.shape[1], large.shape[1])
-            if end - start >= fewest:
-                nearest = np.inf
-                for column in range(len(large)):
-                    nearest = min(nearest, _difference(values[chosen[row]], large[column], start, end, offset))
-                total += weights[row] * nearest
-                weight += weights[row]
-        if weight > 0:
-            break
-    return total / weight if weight > 0 else np.inf
+            start, end = _common(rings[row], offset, len(values), len(large))
+            shared += weights[row] * max(0, end - start) / rings[row]
+            every += weights[row]
+        common[index] = shared / every if every > 0 else 1.0
+        total, weight = 0.0, 0.0
+        for fewest in (FEWEST_RINGS, 1):
+            for row in range(len(chosen)):
+                start, end = _common(rings[row], offset, len(values), len(large))
+                if end - start >= fewest:
+                    _sums(values, chosen[row], large, start, end, offset, sums)
+                    total += weights[row] * least(sums) / (end - start)
+                    weight += weights[row]
+            if weight > 0:
+                break
+        result[index] = total / weight if weight > 0 else np.inf

@@ -10,10 +10,14 @@ import numpy as np
 
 from unbend.arrays import Floats, Indices
 from unbend.local.signatures import OCTAVE, LocalSignatures, enlarged
-from unbend.matching.partial.comparison import Comparison, compare_parts
+from unbend.matching.partial.comparison import Comparison, compare_profiled
 from unbend.matching.partial.profiles import Profiles, profiles_of
-from unbend.matching.partial.scanning import scan_parts
+from unbend.matching.partial.scanning import scan_parts, scan_shifted
 from unbend.matching.selection import smallest
+from unbend.threads import share_out
+
+Load = Callable[[Indices], Sequence[LocalSignatures]]
+"""Returns the local signatures of some rows."""
 
 SHORTLIST: Final = 60
 """Shapes that are compared in detail."""
@@ -21,8 +25,14 @@ SHORTLIST: Final = 60
 _LARGEST_SHARE: Final = 8
 """A piece of unknown scale is sought at least as large as a whole, and at most this many times smaller in area."""
 
-_SCALES: Final = 4
+_COMMON: Final = 0.4
+"""Least share of the query's rings that a shape must have, too, at a scale: a few rings fit at too many scales."""
+
+_SCALES: Final = 7
 """Scales, the best of the scan, that are compared in detail for each shape of the short list."""
+
+_PARTS: Final = 4
+"""Steps of scale to a rung. The scan tries every second one, and then both neighbours of the best one are compared."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +48,21 @@ class PartSearch:
 
 
 @dataclass(frozen=True)
-class _Trial:
-    """A scale: a variant of the query, as it is or half a rung larger, and its shift for each row, (n,)."""
+class _Variant:
+    """A query, as it is or enlarged by a part of a rung."""
 
-    variant: int
-    shifts: Indices
+    local: LocalSignatures
+    profiles: Profiles
 
 
 def search_parts(
     query: LocalSignatures,
     gallery: Sequence[Profiles],
-    load: Callable[[Indices], Sequence[LocalSignatures]],
+    load: Load,
     *,
     any_scale: bool = False,
     shortlist: int = SHORTLIST,
+    threads: int | None = None,
 ) -> PartSearch:
     """Compare a query with all shapes of a gallery.
 
@@ -59,23 +70,36 @@ def search_parts(
     ----------
     query : LocalSignatures
     gallery : sequence of n Profiles
-    load : callable
-        Returns the local signatures of some rows.
+    load : Load
     any_scale : bool, default False
         The unit of the query's vertices may differ from that of the gallery's.
     shortlist : int, default 60
+    threads : int, optional
+        All cores by default. The result does not depend on it.
     """
-    variants = [query, enlarged(query)] if any_scale else [query]
-    scans, trials = _scans(variants, gallery, any_scale=any_scale)
-    scanned = scans.min(axis=0)
+    variants = _variants(query, any_scale=any_scale)
+    scans, steps = _scans(variants, gallery, any_scale=any_scale, threads=threads)
+    scanned = scans.min(axis=0, initial=np.inf)
     distances = scanned.copy()
     rows = smallest(scanned, shortlist)
-    found = {}
-    for row, shape in zip(rows.tolist(), load(rows), strict=True):
-        best = np.argsort(scans[:, row], kind="stable")[:_SCALES].tolist()
-        compared = [_compared(variants, shape, trials[trial], row) for trial in best]
-        found[row] = min(compared, key=lambda each: each.distance)
-    if found:
+    shapes = load(rows)
+    found: dict[int, Comparison] = {}
+
+    def compare(part: slice) -> None:
+        for row, shape in zip(rows[part].tolist(), shapes[part], strict=True):
+            best = np.argsort(scans[:, row], kind="stable")[:_SCALES]
+            fitting = best[np.isfinite(scans[best, row])]
+            tried = {
+                step: _compared(variants, step, shape, gallery[row])
+                for step in steps[fitting if len(fitting) else best[:1], row].tolist()
+            }
+            if any_scale:
+                nearest = min(tried, key=lambda step: tried[step].distance)
+                tried |= {step: _compared(variants, step, shape, gallery[row]) for step in (nearest - 1, nearest + 1)}
+            found[row] = min(tried.values(), key=lambda each: each.distance)
+
+    if len(rows):
+        share_out(len(rows), threads, compare)
         behind = np.ones(len(gallery), bool)
         behind[rows] = False
         added = max(found[row].distance - scanned[row] for row in found)
@@ -84,33 +108,33 @@ def search_parts(
     return PartSearch(distances, found, scanned)
 
 
+def _variants(query: LocalSignatures, *, any_scale: bool) -> list[_Variant]:
+    parts = [query, *(enlarged(query, part / _PARTS) for part in range(1, _PARTS) if any_scale)]
+    return [_Variant(each, profiles_of(each)) for each in parts]
+
+
 def _scans(
-    variants: Sequence[LocalSignatures], gallery: Sequence[Profiles], *, any_scale: bool
-) -> tuple[Floats, list[_Trial]]:
-    """Return the distances at each scale, (s, n), and the scales."""
-    profiles = [profiles_of(variant) for variant in variants]
+    variants: Sequence[_Variant], gallery: Sequence[Profiles], *, any_scale: bool, threads: int | None
+) -> tuple[Floats, Indices]:
+    """Return the distances at each scale, (s, n), and the scales, in parts of a rung."""
+    query = variants[0].profiles
     if not any_scale:
-        return scan_parts(profiles[0], gallery)[None], [_Trial(0, np.zeros(len(gallery), np.int64))]
-    scans, trials = [], []
+        return scan_parts(query, gallery, threads)[None], np.zeros((1, len(gallery)), np.int64)
     areas = np.array([other.area for other in gallery])
-    for variant, query in enumerate(profiles):
-        same = np.rint(OCTAVE * np.log2(areas / query.area) / 2).astype(np.int64)  # where both areas are equal
-        for step in range(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1):
-            trials.append(_Trial(variant, same - step))
-            scans.append(_scan_shifted(query, gallery, same - step))
-    return np.array(scans).reshape(len(scans), len(gallery)), trials
+    same = np.rint(OCTAVE * np.log2(areas / query.area) / 2).astype(np.int64)  # where areas are equal
+    rungs = same - np.arange(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1)[:, None]
+    scans, steps = [], []
+    for part in range(0, _PARTS, 2):
+        shifts = rungs - (part > 0)
+        scanned, common = scan_shifted(variants[part].profiles, gallery, shifts, threads)
+        scans.append(np.where(common >= _COMMON, scanned, np.inf))
+        steps.append(_PARTS * shifts + part)
+    return np.concatenate(scans), np.concatenate(steps)
 
 
-def _scan_shifted(query: Profiles, gallery: Sequence[Profiles], shifts: Indices) -> Floats:
-    distances = np.empty(len(gallery))
-    for shift in np.unique(shifts).tolist():
-        rows = np.flatnonzero(shifts == shift)
-        distances[rows] = scan_parts(query, [gallery[row] for row in rows.tolist()], shift)
-    return distances
-
-
-def _compared(variants: Sequence[LocalSignatures], shape: LocalSignatures, trial: _Trial, row: int) -> Comparison:
-    """Compare one variant of the query with a shape, in the query's own unit."""
-    factor = float(np.sqrt(variants[trial.variant].area / variants[0].area))
-    found = compare_parts(variants[trial.variant], shape, int(trial.shifts[row]))
+def _compared(variants: Sequence[_Variant], step: int, shape: LocalSignatures, others: Profiles) -> Comparison:
+    """Compare the query with a shape at a scale, in the query's own unit."""
+    shift, part = divmod(step, _PARTS)
+    variant, factor = variants[part], 2.0 ** (part / _PARTS / OCTAVE)
+    found = compare_profiled(variant.local, variant.profiles, shape, others, shift)
     return replace(found, residual=found.residual / factor, scale=found.scale * factor)

@@ -6,6 +6,7 @@ import json
 import time
 import uuid
 
+import numpy as np
 import pytest
 
 from tests.support.server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored, two_rings
@@ -71,6 +72,7 @@ def test_a_piece_gets_its_whole_and_what_it_is_to_it(server, http, ids):
     assert part["relation"] == "part"
     assert part["covered"] == pytest.approx(0.6, abs=0.1)
     assert part["scale"] == 1.0
+    assert (np.linalg.norm(part["centre"]), np.linalg.norm(part["place"])) == (pytest.approx(1.0, abs=0.05),) * 2
     assert "`partial`" in ask(http, data, waiting).json()["warnings"][-1]
     stored_query = http.post("/v1/queries", json={"shape_id": ids["ball-0"], "measure": "partial"}).json()
     assert stored_query["shapes"][0]["name"] == "ball-1"

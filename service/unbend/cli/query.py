@@ -76,8 +76,12 @@ def _part(part: Values | None) -> str:
     """Return in words whether the mesh is a part of a shape, contains the shape, or matches it as a whole."""
     if not part:
         return ""
-    words = {"part": "part of it, {:.0%} of its area", "contains": "contains it, {:.0%} of the area", "whole": "whole"}
-    return "  " + words[part["relation"]].format(part["covered"])
+    words = {
+        "part": "part of it, {:.0%} of its area, middle at {}",
+        "contains": "contains it, {:.0%} of the area, middle at {}",
+    }
+    middle = " ".join(f"{coordinate:.4g}" for coordinate in part["place"])
+    return "  " + words.get(part["relation"], "whole").format(part["covered"], middle)
 
 
 def _table(ranking: Values) -> str:

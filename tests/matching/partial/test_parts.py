@@ -51,6 +51,7 @@ def test_a_piece_is_found_on_its_own_whole_then_on_another_pose_of_it(cut, whole
     assert own.matched > 0.95
     assert own.residual < 0.05 * np.sqrt(wholes["cat1"].area)
     assert own.scale == 1.0
+    assert np.linalg.norm(np.subtract(own.place, own.centre)) < 0.1 * np.sqrt(wholes["cat1"].area)  # same coordinates
 
 
 def test_a_piece_of_a_stranger_is_less_familiar_than_a_piece_of_the_class(cut, surfaces, wholes):

@@ -132,6 +132,14 @@ class Part(BaseModel):
         examples=[1.7],
     )
     scale: float = Field(description="Length in units of the shape of a length 1 in units of the query.", examples=[1])
+    centre: tuple[float, float, float] = Field(
+        description="A point of the smaller surface, as far from its boundary as possible, in its own coordinates.",
+        examples=[[0.1, 0.4, 1.2]],
+    )
+    place: tuple[float, float, float] = Field(
+        description="Where this point is on the larger surface, in the coordinates of the larger one.",
+        examples=[[0.3, 0.2, 1.1]],
+    )
 
 
 class ShapeMatch(BaseModel):

@@ -53,6 +53,10 @@ class Comparison:
     """Root of the mean squared error of these distances, in units of the query's vertices."""
     scale: float
     """Length in the shape's unit of a length 1 in the query's."""
+    centre: tuple[float, float, float]
+    """The centre of the smaller surface's circle that is farthest from its boundary, in its own coordinates."""
+    place: tuple[float, float, float]
+    """Where this centre is on the larger surface, in the larger one's coordinates."""
     places: Indices
     """The centre of the larger surface where each chosen circle of the smaller one is, (m,)."""
 
@@ -60,7 +64,7 @@ class Comparison:
         """Return what a ranking says about a shape, as JSON values."""
         return {
             "relation": self.relation, "covered": self.covered, "matched": self.matched, "residual": self.residual,
-            "scale": self.scale,
+            "scale": self.scale, "centre": list(self.centre), "place": list(self.place),
         }  # fmt: skip
 
 
@@ -114,8 +118,15 @@ def compare_profiled(
         float(kept.mean() if len(kept) else 0.0),
         residual,
         unit,
+        _point(part.places[small.chosen[0]]),
+        _point(whole.places[places[0]]),
         places,
     )
+
+
+def _point(coordinates: Singles) -> tuple[float, float, float]:
+    x, y, z = coordinates.tolist()
+    return x, y, z
 
 
 def _anchors(between: Singles, weights: Singles) -> Indices:

@@ -15,10 +15,10 @@ from unbend.local.signatures import OCTAVE, LocalSignatures
 from unbend.matching.partial.comparison import Comparison, compare_profiled
 from unbend.matching.partial.profiles import WIDEST, profiles_of
 
-EXPONENT: Final = 33.7
+EXPONENT: Final = 61.1
 """The exponent with which the confidence of a class falls with its distance."""
 
-SLACK: Final = 0.9
+SLACK: Final = 0.93
 """The largest unfamiliarity of a piece of a known class."""
 
 _USUAL: Final = 0.77

@@ -10,7 +10,7 @@ import numpy as np
 from unbend.arrays import Indices, Ints, Singles
 from unbend.local.signatures import LocalSignatures
 
-COMPARED: Final = 60
+COMPARED: Final = 120
 """Circles of the smaller surface that are sought on the larger one: those farthest from the boundary."""
 
 WIDEST: Final = 13

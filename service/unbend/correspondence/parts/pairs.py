@@ -1,4 +1,4 @@
-"""What the distances and directions between points of a piece and its samples say about their places."""
+"""Pairs of points and samples of a piece: the distances and directions between them, and how far each is certain."""
 
 from __future__ import annotations
 

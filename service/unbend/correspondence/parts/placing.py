@@ -18,7 +18,7 @@ SCALE: Final = 0.3
 
 
 class Placing:
-    """What all placings of samples have in common."""
+    """The surfaces and comparisons that all placings of samples share."""
 
     def __init__(self, part: View, whole: View, turn: float) -> None:
         """Compare all samples of a piece and of its whole.

@@ -1,4 +1,4 @@
-"""What a piece and its whole look like from their samples, in the same units."""
+"""Views of a piece and of its whole from their samples, in the same units."""
 
 from __future__ import annotations
 

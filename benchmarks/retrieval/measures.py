@@ -69,8 +69,10 @@ def main() -> None:
             ' Retrieval on Non-rigid 3D Watertight Meshes"), as our notes quote them; we have not checked them'
             " against its report."
         ),
-        "Queries only from the half of the classes that `benchmarks/retrieval/choice.py` did not use (every second "
-        "class by name). Each query is compared with all other shapes:",
+        (
+            "Queries only from the half of the classes that `benchmarks/retrieval/choice.py` did not use (every second "
+            "class by name). Each query is compared with all other shapes:"
+        ),
         table(["data set", "measure", *FIGURES], [_untouched(name, signatures[name]) for name in DATASETS]),
         f"Mean average precision after one change to the defaults, {' and '.join(DATASETS[:2])}.",
         table(["", *(f"{name} {of}" for name in DATASETS[:2] for of in ABLATED)], _ablation(signatures)),

@@ -24,7 +24,7 @@ def is_part(a: Surface, b: Surface, part: Part) -> bool:
     ParameterError
         If `part` is not one of its values.
     UnsuitedError
-        If `b` looks like a piece of `a`.
+        If `part` is "auto" and `b` looks like a piece of `a`.
     """
     check_choice("part", part, get_args(Part))
     if part == "auto" and _looks_like_piece(b, a):

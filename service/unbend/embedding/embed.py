@@ -36,7 +36,7 @@ MAX_STARTS: Final = 20
 """Upper bound of `Parameters.starts`. `embed` accepts larger numbers."""
 
 _TRIED_ITERATIONS: Final = 8
-"""Iterations from the classical solution and from each of `low_starts`; only the one of lowest stress then continues."""
+"""Iterations from the classical solution and each of `low_starts`; only the one of lowest stress then continues."""
 
 
 @dataclass(frozen=True, eq=False)

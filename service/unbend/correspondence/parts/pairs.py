@@ -39,7 +39,7 @@ class Pairs:
 
 
 def pairs_of(view: View, points: Indices, samples: Indices, scale: float) -> Pairs:
-    """Return the pairs of some vertices, and some samples by number; farther pairs than `scale` count less."""
+    """Return the pairs of vertices `points` and samples number `samples`; weights fall as exp(-distance / `scale`)."""
     grid = np.ix_(samples, points)
     high, low = np.ascontiguousarray(view.rows[grid].T), np.ascontiguousarray(view.least[grid].T)
     weights = view.weights[samples] * np.exp(-high / scale)

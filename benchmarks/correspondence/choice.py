@@ -23,11 +23,11 @@ PAIRS: Final = 12
 @contextmanager
 def _without(part: str) -> Iterator[dict[str, Any]]:
     """Leave out a part of `match`; yield its arguments."""
-    growth, frame = (sys.modules[f"unbend.correspondence.{name}"] for name in ("growth", "frame"))
+    growth, features = (sys.modules[f"unbend.correspondence.{name}"] for name in ("growth", "features"))
     if part == "the orientation of the triangles":
         yield {"orientation": "any"}
     elif part == "curvature":
-        with patch.object(frame, "curvatures", lambda surface, _sign: np.zeros((len(surface.vertices), 4))):
+        with patch.object(features, "curvatures", lambda surface, _sign: np.zeros((len(surface.vertices), 4))):
             yield {}
     elif part == "weights by misfit":
         with patch.object(growth, "_misfit", lambda *_: np.float32(0.0)):

@@ -1,6 +1,7 @@
-"""Retrieval metrics of every measure on real shapes, those of published methods, and the effect of each choice.
+"""Retrieval metrics of every measure on real shapes and of published methods, and the effect of each parameter.
 
-Queries are leave-one-out, and nothing is learned. `benchmarks/retrieval/choice.py` chooses the parts of measures.
+Queries are leave-one-out, and no measure is trained here. `benchmarks/retrieval/choice.py` chose the kernels, weights
+and moments of some measures on half of the classes.
 Takes a few minutes. Writes the section "retrieval" of docs/benchmarks.md.
 """
 
@@ -68,9 +69,12 @@ def main() -> None:
             ' Retrieval on Non-rigid 3D Watertight Meshes"), as our notes quote them; we have not checked them'
             " against its report."
         ),
-        "Queries from the half of the classes that chose nothing (every second class by name), among all shapes:",
+        (
+            "Queries only from the half of the classes that `benchmarks/retrieval/choice.py` did not use (every second "
+            "class by name). Each query is compared with all other shapes:"
+        ),
         table(["data set", "measure", *FIGURES], [_untouched(name, signatures[name]) for name in DATASETS]),
-        f"The effect of each choice: mean average precision, {' and '.join(DATASETS[:2])}.",
+        f"Mean average precision after one change to the defaults, {' and '.join(DATASETS[:2])}.",
         table(["", *(f"{name} {of}" for name in DATASETS[:2] for of in ABLATED)], _ablation(signatures)),
     ]
     write_section(ROOT / "docs" / "benchmarks.md", "retrieval", "\n\n".join(parts))
@@ -134,13 +138,13 @@ def _untouched(dataset: str, signatures: list[Signature]) -> list[str]:
 
 
 def _ablation(signatures: dict[str, list[Signature]]) -> list[list[str]]:
-    rows: dict[str, list[str]] = {name: [] for name in (*ABLATION, "every sample of one weight")}
+    rows: dict[str, list[str]] = {name: [] for name in (*ABLATION, "equal weights of all samples")}
     for dataset in DATASETS[:2]:
         paths, labels = listed(dataset)
         for name, parameters in ABLATION.items():
             found = signatures[dataset] if parameters == DEFAULTS else signatures_of(paths, parameters)
             rows[name] += _precisions([of.descriptors for of in found], labels)
-        rows["every sample of one weight"] += _precisions(in_processes(_unweighted, paths), labels)
+        rows["equal weights of all samples"] += _precisions(in_processes(_unweighted, paths), labels)
     return [[name, *figures] for name, figures in rows.items()]
 
 

@@ -23,7 +23,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def box(cells: int, sides: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Surface:
-    """Return a closed box with `cells` by `cells` squares on each side."""
+    """Return a closed box whose edges have the lengths `sides`, with `cells` by `cells` rectangles on each face."""
     flat = grid(cells, cells)
     u = 2 * flat.vertices / cells - 1
     turns = [

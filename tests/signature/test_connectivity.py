@@ -184,7 +184,7 @@ def test_the_topology_is_kept_for_any_orientation_of_faces(seed, count):
 
 @pytest.mark.parametrize("tops", [1, 2])
 def test_sheets_with_a_common_line_keep_that_line(tops):
-    """Half planes share a line; after all collapses, each edge of the line has the same number of faces."""
+    """Sheets share a line; after all collapses, each edge has one face, two, or as many as there are sheets."""
     grid = sheet(columns=20, rows=10)
     rows = grid.vertices[:, 1]
     seam = np.flatnonzero(rows == rows.min())

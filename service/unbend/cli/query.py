@@ -80,7 +80,8 @@ def _part(part: Values | None) -> str:
         "part": "part of it, {:.0%} of its area, middle at {}",
         "contains": "contains it, {:.0%} of the area, middle at {}",
     }
-    middle = " ".join(f"{coordinate:.4g}" for coordinate in part["place"])
+    point = part["centre" if part["relation"] == "contains" else "place"]  # on the larger surface
+    middle = " ".join(f"{coordinate:.4g}" for coordinate in point)
     return "  " + words.get(part["relation"], "whole").format(part["covered"], middle)
 
 

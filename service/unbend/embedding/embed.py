@@ -36,7 +36,7 @@ MAX_STARTS: Final = 20
 """Upper bound of `Parameters.starts`. `embed` accepts larger numbers."""
 
 _TRIED_ITERATIONS: Final = 8
-"""Iterations from each start before only the start with the lowest stress continues."""
+"""Iterations from the classical solution and each of `low_starts`; only the one of lowest stress then continues."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +83,10 @@ def embed(
     dimensions : int or "auto", default 3
         "auto" takes the least number, up to 12, for which `criterion` is at most `threshold`.
     method : {"least_squares", "classical", "fast"}
-        "least_squares" is accelerated SMACOF from the lowest of many minima of a few points, "classical" is classical
-        scaling, and "fast" is FastMap, which needs the fewest operations. The stress of "least_squares" is never above
-        that of the other methods.
+        "least_squares" is accelerated SMACOF. It starts from the classical solution, or from one of the best
+        arrangements of a few points, extended to all points, whichever has the lowest stress after a few iterations.
+        "classical" is classical scaling, and "fast" is FastMap, which needs the fewest operations. The stress of
+        "least_squares" is never above that of the other methods.
     weights : (n, n) or (n,) array, optional
         Weights of pairs or of points. Weights of pairs, the w_ij of eq. 2, require "least_squares". They must be
         symmetric and not negative, and connect all points. Weights of points, such as the area that each represents,

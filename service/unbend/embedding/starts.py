@@ -1,4 +1,4 @@
-"""Initial points for least squares scaling: the lowest of many minima of a few points.
+"""Initial points for least squares scaling, from the lowest of many minima of the stress of a few points.
 
 The stress has many minima. The minimum near the classical solution is often not the lowest, because a limb lies on the
 wrong side. A few distant points are enough to find the arrangement of the parts, and many starts with a few points are

@@ -1,7 +1,7 @@
 """The exact start of a front: shortest paths over the triangles around its source.
 
-Near its source a front is rounder than any update equation assumes, and marching carries that error everywhere. If
-marching starts from the source alone, it converges as h^0.67. So an exact algorithm runs first, for a bounded number of
+Near its source marching makes errors that it carries everywhere: if it starts from the source alone, the error falls
+only as h^0.67, for edges of length h. So an exact algorithm runs first, for a bounded number of
 events. It unfolds the triangles around the source, nearest first, by windows and pseudo-sources (Chen & Han 1990, in
 the order and with the filter of Xin & Wang 2009). Distances below the radius that it covers are exact and final.
 Marching starts from all distances found.
@@ -17,8 +17,8 @@ from unbend.geodesics.unfolding import angle, apex, apex_beyond
 from unbend.jit import inlined, kernel
 from unbend.tolerances import SADDLE, START_EVENTS
 
-_CAPACITY: Final = 16 * START_EVENTS  # maximum number of events; a source with more triangles gets no exact distances
-_NEW: Final = 16  # maximum number of events that one event creates, if at most eight triangles meet at an edge
+_CAPACITY: Final = 16 * START_EVENTS  # maximum number of events; if they run out, the radius is 0
+_NEW: Final = 16  # maximum number of events that one window creates, if at most eight triangles meet at an edge
 _NEARLY: Final = 1.1  # measured: distances up to this multiple of the radius have smaller errors than marched ones
 _FILTERED: Final = 1.0 - 1e-6  # distances are stored in single precision
 _GRAZING: Final = 1e-6  # a ray that misses a vertex by less than this share of the distance counts as a hit
@@ -70,11 +70,11 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
             done += 1
             _cross(mesh, event, value, start)
         elif np.float32(key) <= value[events[event, 1]]:  # no shorter path found since
-            if around[events[event, 1]] < 0.0:  # windows beyond such a vertex may be pure rounding error
+            if around[events[event, 1]] < 0.0:  # a corner of a triangle whose angles are mostly rounding error
                 sure = min(sure, key)
             done += _leave(mesh, event, key, value, start)
     radius = keys[0] if counters[_WAITING] > 0 else np.inf
-    if counters[_EVENTS] + _NEW > len(keys):  # some events were dropped
+    if counters[_EVENTS] + _NEW > len(keys):  # some events may have been dropped
         radius = 0.0
     return counters[_SEEDS], _NEARLY * min(radius, sure)
 

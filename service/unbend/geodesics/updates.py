@@ -72,7 +72,8 @@ def planar_slot(ua, ub, up, ax, bx, by, px, py):
     """Return the distance of C through a slot, which is split if its angle is obtuse, as Kimmel & Sethian do.
 
     CP is an edge of both halves, so the front may also follow CP. The whole triangle is used too, because it is exact
-    if the values at A and B are known in time. P at the origin means that no front crosses AB.
+    for a straight front if the values at A and B are known before the value at C. P at the origin means that no front
+    crosses AB.
     """
     ex, ey = bx - ax, by
     whole = planar(ua, ub, ex * ex + ey * ey, -ax * ex, ax * by)

@@ -18,8 +18,8 @@ def curvature(local: LocalSignatures, scale: float = SCALE) -> Floats:
     """Return the Gaussian curvature at each centre, at a scale, (c,), in 1 over squared units of the vertices.
 
     A small circle of radius r around a point of curvature K has the area pi r^2 - pi K r^4 / 12 (Bertrand, Diguet and
-    Puiseux 1848). The mean over a circle does not depend on the triangulation, as angles at vertices do. Circles that
-    touch the boundary are smaller, and so have no curvature: NaN.
+    Puiseux 1848). The mean over a circle does not depend on the triangulation, as angles at vertices do. The
+    boundary cuts area from circles that touch it, so they do not tell the curvature: NaN.
     """
     rung = int(np.abs(np.log(local.radii / (scale * np.sqrt(local.area)))).argmin())
     radius = local.radii[rung]

@@ -37,7 +37,7 @@ SMALLEST: Final = 2.0**-4.25
 """Radius of the smallest circle over the square root of the area; rounded to the nearest rung."""
 
 STEPS: Final = 255
-"""Distances between centres are stored in 255 steps: a hundredth of the largest is less than the centres' spacing."""
+"""Distances between centres are stored in steps of 1/255 of the largest: usually less than the centres' spacing."""
 
 _AT_A_TIME: Final = 1 << 24
 """Most distances in memory at a time for each thread."""

@@ -44,6 +44,12 @@ def boundary_edges(surface: Surface) -> Ints:
     return _ends(surface, surface.edges.starts[surface.edges.counts == 1])
 
 
+def relative_boundary(surface: Surface) -> float:
+    """Return the length of the boundary over the square root of the area."""
+    a, b = surface.vertices[boundary_edges(surface)].transpose(1, 0, 2)
+    return float(np.linalg.norm(a - b, axis=1).sum() / np.sqrt(surface.area))
+
+
 def _ends(surface: Surface, starts: Ints) -> Ints:
     face, corner = np.divmod(surface.edges.order[starts], 3)
     return np.stack([surface.faces[face, (corner + 1) % 3], surface.faces[face, (corner + 2) % 3]], axis=1)

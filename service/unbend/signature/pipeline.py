@@ -26,7 +26,7 @@ from unbend.geodesics.stencils import stencils_of
 from unbend.geodesics.voronoi import cell_areas
 from unbend.local.signatures import local_signatures
 from unbend.mesh.read import surface_of
-from unbend.mesh.smooth import boundary_edges
+from unbend.mesh.smooth import relative_boundary
 from unbend.mesh.sources import MeshSource
 from unbend.mesh.surface import Surface
 from unbend.progress import Progress, ProgressCallback, ignore
@@ -180,13 +180,8 @@ def _computed(
         descriptors=_describe(surface, posed, faces, matrix.distances, weights / weights.sum()),
         parameters=chosen,
         warnings=(*surface.report.warnings, *_doubts(matrix.asymmetry)),
-        boundary=_boundary(surface),
+        boundary=relative_boundary(surface),
     )
-
-
-def _boundary(surface: Surface) -> float:
-    a, b = surface.vertices[boundary_edges(surface)].transpose(1, 0, 2)
-    return float(np.linalg.norm(a - b, axis=1).sum() / np.sqrt(surface.area))
 
 
 def _first_sample(surface: Surface, chosen: Parameters) -> int | None:

@@ -36,7 +36,7 @@ JobId = Annotated[str, Path(description="Id of a job."), WithJsonSchema(_ID)]
 
 
 def _with(method: list[JsonValue], **then: JsonValue) -> JsonValue:
-    """Return a JSON Schema condition that holds if `method` has one of these values."""
+    """Return a JSON Schema rule: if `method` has one of these values, the fields in `then` must match their schemas."""
     return {
         "if": {"properties": {"method": {"enum": method}}, "required": ["method"]}, "then": {"properties": then}
     }  # fmt: skip
@@ -132,7 +132,7 @@ VectorMeasureName = Annotated[str, Field(json_schema_extra={"enum": list(VECTOR_
 ClassifierName = Annotated[str, Field(json_schema_extra={"enum": list(CLASSIFIERS)})]
 
 Whole = Annotated[int, BeforeValidator(as_whole)]
-"""An integer in JSON. 10.0 equals 10 (JSON Schema); text and booleans are refused."""
+"""An integer in JSON, for strict models, which refuse text and booleans. 10.0 equals 10 (JSON Schema)."""
 
 FEWER_PAIRS: Final[dict[str, Any]] = {
     "if": {"properties": {"measure": {"enum": list(PAIR_MEASURES)}}, "required": ["measure"]},

@@ -133,11 +133,11 @@ class Part(BaseModel):
     )
     scale: float = Field(description="Length in units of the shape of a length 1 in units of the query.", examples=[1])
     centre: tuple[float, float, float] = Field(
-        description="A point of the smaller surface, as far from its boundary as possible, in its own coordinates.",
+        description="A point of the query, as far as possible from the boundary of the smaller surface.",
         examples=[[0.1, 0.4, 1.2]],
     )
     place: tuple[float, float, float] = Field(
-        description="Where this point is on the larger surface, in the coordinates of the larger one.",
+        description="The same place on the shape, in the coordinates of the file of the shape.",
         examples=[[0.3, 0.2, 1.1]],
     )
 

@@ -1,4 +1,4 @@
-"""Candidates: distinct arrangements of all samples of a piece on its whole, the best first."""
+"""Candidates: arrangements of all samples of a piece on its whole, the best first."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _APART: Final = 0.12  # least distance between these places
 _ALIKE: Final = 0.1  # arrangements that differ less are one
 
 _TRIED: Final = 64  # arrangements in which more samples are placed
-_GUESSED: Final = 24  # the same, to find the scale
-_KEPT: Final = 24  # the best of them
-_COARSE: Final = 60  # these samples
+_GUESSED: Final = 24  # arrangements in which they are placed to find the scale
+_KEPT: Final = 24  # arrangements, the best, that are kept after the first move
+_COARSE: Final = 60  # samples, the first ones, that are placed in these arrangements
 _FINE: Final = 8  # candidates in which all samples are placed
 _SAME: Final = 0.05  # candidates that differ less are one
-_MOVES: Final = (0.4, 0.3)  # how far coarse and fine samples move at a time
+_MOVES: Final = (0.4, 0.3)  # how far the first samples, and later all samples, may move at a time
 
 _DEEP: Final = (0.5, 0.15)
 """Distance from the boundary that is enough for the first anchor, and for the others."""
@@ -43,7 +43,7 @@ class Placed:
 
 
 def placings(part: View, whole: View, turns: tuple[float, ...]) -> list[Placed]:
-    """Return the distinct candidates for each of `turns`, the best first."""
+    """Return the candidates of all `turns` in one list, the best first."""
     found = []
     for turn in turns:
         placing = Placing(part, whole, turn)
@@ -63,7 +63,7 @@ def size_ratio(part: View, whole: View, turn: float) -> float:
 
 
 def _coarse(placing: Placing, tried: int) -> list[Indices]:
-    """Return places of the first samples in the best distinct arrangements, the best first."""
+    """Return places of the first samples in the best arrangements, which differ before their last move; best first."""
     anchors = _anchors(placing.part)
     some = np.arange(min(_COARSE, len(placing.part.samples)))
     to_anchors, pairs = placing.pairs(some, anchors), placing.pairs(some, some)

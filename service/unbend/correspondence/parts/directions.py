@@ -17,14 +17,14 @@ Directions = NDArray[np.complex64]
 def directions_of(surface: Surface, sign: float, rows: NDArray[Any]) -> Directions:
     """Return the direction in which each of k rows of distances grows at each of n vertices, (n, k).
 
-    Bending keeps the angles between shortest paths at a point. So at the same point of a bent surface, all directions
-    differ by a single rotation, as each vertex has axes of its own. A reflection reverses the angles.
+    Bending keeps the angles between shortest paths at a point. So bending turns all directions at a point by the same
+    angle, which is arbitrary: each vertex has axes of its own. A reflection reverses the angles.
 
     Parameters
     ----------
     surface : Surface
     sign : float
-        -1 if the faces show inwards.
+        -1 if the corners of faces are counted clockwise as seen from outside, otherwise 1.
     rows : (k, n) array
     """
     found = (_gradient(surface, sign) @ np.asarray(rows, np.float32).T).astype(np.complex64)

@@ -19,7 +19,7 @@ _LEAST_AGREEMENT: Final = 0.2
 """Least agreement of triangles in a map that has the wanted orientation."""
 
 _SOME: Final = 0.2
-"""Added to the difference of circles: a piece that is narrow everywhere has hardly any."""
+"""Added to the difference of circles, which is near 0 if a piece is so narrow that few circles fit in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Judgement:
 
 
 def judge(part: View, whole: View, pairs: Pairs, found: Map) -> Judgement:
-    """Measure a map. No figure tells right maps from wrong ones alone; their product, without units, does."""
+    """Measure a map. No single figure tells right maps from wrong ones; the cost, a product of several, does."""
     mean = part.weights
     errors = np.maximum(np.maximum(found.there - pairs.high, pairs.low - found.there), 0.0)
     squared = (errors * pairs.precision) ** 2

@@ -1,4 +1,4 @@
-"""What a surface looks like around a point, whatever the bending: circles and curvature."""
+"""The looks of a surface around a point: areas of circles, which bending keeps, and mean and Gaussian curvature."""
 
 from __future__ import annotations
 

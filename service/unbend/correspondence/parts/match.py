@@ -22,7 +22,7 @@ _SIMILAR: Final = 0.02
 
 
 def match_part(part: Surface, whole: Surface, samples: int, turn: float, threads: int | None) -> Correspondence:
-    """Find for each vertex of a piece the point of its whole, which has the same unit of length.
+    """Find for each vertex of a piece its point on the whole. Both surfaces have the same unit of length.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def _result(
     shares = ours.surface.vertex_areas / ours.surface.area
     return Correspondence(
         faces=points.faces,
-        barycentric=points.places,
+        barycentric=points.barycentric,
         target_faces=whole.faces,
         target_vertices=len(whole.vertices),
         confidence=np.exp(-points.changes / max(theirs.radius, np.finfo(np.float64).tiny)),

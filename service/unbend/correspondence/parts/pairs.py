@@ -1,4 +1,4 @@
-"""What the distances and directions between points of a piece and its samples say about their places."""
+"""Pairs of points and samples of a piece: the distances and directions between them, and how far each is certain."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Pairs:
 
 
 def pairs_of(view: View, points: Indices, samples: Indices, scale: float) -> Pairs:
-    """Return the pairs of some vertices, and some samples by number; farther pairs than `scale` count less."""
+    """Return the pairs of vertices `points` and samples number `samples`; weights fall as exp(-distance / `scale`)."""
     grid = np.ix_(samples, points)
     high, low = np.ascontiguousarray(view.rows[grid].T), np.ascontiguousarray(view.least[grid].T)
     weights = view.weights[samples] * np.exp(-high / scale)

@@ -18,7 +18,7 @@ SCALE: Final = 0.3
 
 
 class Placing:
-    """What all placings of samples have in common."""
+    """The surfaces and comparisons that all placings of samples share."""
 
     def __init__(self, part: View, whole: View, turn: float) -> None:
         """Compare all samples of a piece and of its whole.
@@ -42,8 +42,8 @@ class Placing:
 
     def placed(self, points: Indices, pairs: Pairs, places: Indices) -> Indices:
         """Return the best places of some samples, given the places of the known samples of `pairs`."""
-        nowhere = np.zeros(len(points), np.int64)
-        return self._assigned(points, pairs, places, nowhere, np.inf)[0]
+        first = np.zeros(len(points), np.int64)  # any place: none is too far
+        return self._assigned(points, pairs, places, first, np.inf)[0]
 
     def moved(self, points: Indices, pairs: Pairs, places: Indices, within: float) -> tuple[Indices, Floats]:
         """Return the best places of some samples `within` a distance of their present places, and their costs."""

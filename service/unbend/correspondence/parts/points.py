@@ -43,7 +43,7 @@ class Points:
     """A point of the whole for each vertex of a piece."""
 
     faces: Ints  # (m,)
-    places: Floats  # (m, 3)
+    barycentric: Floats  # (m, 3) weights of the corners of the face
     changes: Floats  # (m,) mean change of the distances to near samples, beyond their intervals
 
 
@@ -52,7 +52,7 @@ def refine(part: View, whole: View, found: Placed, threads: int | None) -> Refin
     every, turn = np.arange(len(found.places)), found.judgement.turn
     courses = np.ascontiguousarray(turned(whole.courses, turn)[:, found.places])
     at = whole.samples[found.places]
-    images = _nearest(part, whole, part.samples, at, every, whole.rows[found.places], courses, turn)
+    images = _assigned(part, whole, part.samples, at, every, whole.rows[found.places], courses, turn)
     rows = distance_rows(stencils_of(whole.surface), images.astype(np.int32), None, "spherical", threads) / whole.unit
     courses = turned(directions_of(whole.surface, whole.orientation.sign, rows), turn)
     rings = rings_differ(sample_looks(part, whole), found.places)
@@ -64,7 +64,7 @@ def points_of(part: View, whole: View, found: Refined) -> Points:
     """Place all vertices of a piece, given the images of its samples."""
     vertices, owners = np.arange(len(part.surface.vertices)), part.nearest.astype(np.int64)
     turn = found.judgement.turn
-    nearest = _nearest(part, whole, vertices, found.images[owners], owners, found.rows, found.courses, turn)
+    nearest = _assigned(part, whole, vertices, found.images[owners], owners, found.rows, found.courses, turn)
     pairs = pairs_of(part, vertices, np.arange(len(found.images)), _SCALE)
     faces = whole.surface.faces
     order = np.argsort(faces.ravel(), kind="stable")
@@ -76,7 +76,7 @@ def points_of(part: View, whole: View, found: Refined) -> Points:
     return Points(faces_of, ends, changes)
 
 
-def _nearest(
+def _assigned(
     part: View,
     whole: View,
     points: Indices,
@@ -86,7 +86,7 @@ def _nearest(
     courses: Directions,
     turn: float,
 ) -> Indices:
-    """Return the best vertex of the whole for some vertices of the piece, near the image of their `owners`, samples."""
+    """Return for each of `points` the best vertex of the whole near the image of its owner, a sample."""
     pairs = pairs_of(part, points, np.arange(len(rows)), _SCALE)
     strength = TURNING if turn else 0.0
     looks = vertex_looks(part, whole, points)
@@ -95,9 +95,9 @@ def _nearest(
 
 @kernel
 def _project(low, high, weights, nearest, there, faces, order, starts, found, ends, changes):
-    """Write the point of the faces around each `nearest` vertex whose distances are nearest to their intervals.
+    """Write, for each point, the place in the faces around its `nearest` vertex that fits the wanted distances best.
 
-    Distances are linear in each triangle. An interval's nearest end counts, or the distance itself if it is within.
+    Distances are linear in each triangle. Wanted are the distances of the `nearest` vertex, limited to the intervals.
     """
     samples = there.shape[1]
     wanted, gram, trial = np.empty(samples), np.empty((3, 3)), np.empty(3)

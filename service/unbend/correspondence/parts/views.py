@@ -1,4 +1,4 @@
-"""What a piece and its whole look like from their samples, in the same units."""
+"""Views of a piece and of its whole from their samples, in the same units."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ class View:
     rows: Floats  # (S, n) distances
     least: Floats  # (S, n) least distances in the whole
     reach: Floats  # (n,) distance from the boundary
-    rings: Floats  # (S, r) growth of the circles around each sample
+    rings: Floats  # (S, r) what rings around each sample do not repeat of the ring before, in usual deviations
     curvatures: Floats  # (n, 4)
     courses: Directions  # (n, S) direction away from each sample
 
     def scaled(self, factor: float) -> View:
-        """Return the view of the same surface enlarged."""
+        """Return the view of the same surface enlarged; the curvatures are left as they are."""
         rows, unit = self.rows * factor, self.unit / factor
         return replace(
             self, unit=unit, radius=self.radius * factor, rows=rows, least=self.least * factor,

@@ -47,7 +47,7 @@ class LogEraser:
     def erase(self, urgency: Urgency) -> None:
         """Truncate the log: at once if `urgency` is "now" and no reader blocks it, otherwise a second later.
 
-        All calls within this second share one attempt.
+        Calls that wait for this second share its attempt.
         """
         with self._lock:
             if self._closed or (urgency == "now" and self._truncated()) or self._timer is not None:

@@ -22,7 +22,7 @@ SLACK: Final = 0.93
 """The largest unfamiliarity of a piece of a known class."""
 
 _USUAL: Final = 0.77
-"""Ratio of the distances of the best class and the next one if there is no other class."""
+"""The assumed ratio of the distance of the best class to that of the next one, if there is no other class."""
 
 MEMBERS: Final = 16
 """Most members of a class that are considered."""

@@ -17,7 +17,7 @@ Relation = Literal["part", "contains", "whole"]
 """What a query is to a shape: a part of it, larger and containing it, or a whole shape like it."""
 
 ANCHORS: Final = 3
-"""Circles, far from each other, that determine where the others must be."""
+"""Circles, far from each other, that are tried as the anchor; the best one determines the places of the others."""
 
 CANDIDATES: Final = 4
 """Places that are tried for each anchor."""
@@ -26,7 +26,7 @@ STRICTNESS: Final = 4.3
 """Penalty for a distance that differs by the square root of the smaller area, in units of the usual deviation."""
 
 LARGEST_PENALTY: Final = np.float32(1.0)
-"""Penalty at which a distance counts as wrong, however wrong: a cut may lengthen it, or the mesh a circle."""
+"""Largest penalty of a distance. A worse one counts no more: a cut may have lengthened it."""
 
 _SHARE: Final = np.float32(0.5)
 """Share of the mean penalty that is added to the mean difference: penalties of one circle depend on each other."""
@@ -35,7 +35,7 @@ _SWEEPS: Final = 2
 """Times that each circle is moved to the place that agrees best with those of all others."""
 
 _AS_LARGE: Final = 0.95
-"""A query of at least this share of a shape's area is no part of it, but a whole."""
+"""A surface, query or shape, of at least this share of the other's area is no part of it: the relation is `whole`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +54,9 @@ class Comparison:
     scale: float
     """Length in the shape's unit of a length 1 in the query's."""
     centre: tuple[float, float, float]
-    """The centre of the smaller surface's circle that is farthest from its boundary, in its own coordinates."""
+    """A point of the query, in its own coordinates, as far as possible from the boundary of the smaller surface."""
     place: tuple[float, float, float]
-    """Where this centre is on the larger surface, in the larger one's coordinates."""
+    """The same place on the shape, in the shape's coordinates."""
     places: Indices
     """The centre of the larger surface where each chosen circle of the smaller one is, (m,)."""
 
@@ -110,6 +110,8 @@ def compare_profiled(
     relation: Relation = "whole"
     if small.is_open and ratio < _AS_LARGE:
         relation = "part" if small is profiles else "contains"
+    points = _point(part.places[small.chosen[0]]), _point(whole.places[places[0]])
+    centre, place = points if small is profiles else points[::-1]
     residual = float(np.sqrt(np.mean(errors[kept] ** 2)) if kept.any() else 0.0) / (unit if small is profiles else 1.0)
     return Comparison(
         float(distance),
@@ -118,8 +120,8 @@ def compare_profiled(
         float(kept.mean() if len(kept) else 0.0),
         residual,
         unit,
-        _point(part.places[small.chosen[0]]),
-        _point(whole.places[places[0]]),
+        centre,
+        place,
         places,
     )
 

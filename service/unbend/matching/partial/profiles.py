@@ -14,10 +14,10 @@ COMPARED: Final = 120
 """Circles of the smaller surface that are sought on the larger one: those farthest from the boundary."""
 
 WIDEST: Final = 13
-"""Rings that are compared, from 0.07 to 0.57 of the square root of the larger surface's area."""
+"""Rings that are compared. Their outer radii are about 0.07 to 0.6 of the square root of the larger surface's area."""
 
 _FEWEST: Final = 3
-"""A circle with fewer rings than this is compared only if its surface has no better ones."""
+"""Circles with fewer rings than this are chosen only if fewer circles than this have as many."""
 
 _CARRIED: Final = np.float32(0.6)
 """Share of a ring's deviation that the next ring repeats."""
@@ -42,7 +42,7 @@ class Profiles:
     rings: Ints
     """Number of complete rings around each chosen centre, (m,) int32."""
     weights: Singles
-    """Weights of the chosen circles: their radii over the square root of the area, at most 0.9 each, (m,)."""
+    """Weight of each chosen circle, (m,): distance from the boundary over the square root of the area, at most 0.9."""
     area: float
     is_open: bool
 

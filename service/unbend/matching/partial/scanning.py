@@ -74,8 +74,7 @@ def _scanned(small: Profiles, large: Profiles, shifts: Indices) -> tuple[Floats,
 def ordered(query: Profiles, other: Profiles, shift: int) -> tuple[Profiles, Profiles, int]:
     """Return the surface whose circles are sought, the surface on which they are sought, and the former's shift.
 
-    The smaller open surface may be a piece of the other one. Between two closed surfaces, the query's circles are
-    sought.
+    The circles of `other` are sought if it is open and smaller than the query; otherwise those of the query.
     """
     contains = other.is_open and other.area < query.area * 2.0 ** (shift / 2)
     return (other, query, -shift) if contains else (query, other, shift)

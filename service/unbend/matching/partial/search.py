@@ -22,8 +22,8 @@ Load = Callable[[Indices], Sequence[LocalSignatures]]
 SHORTLIST: Final = 60
 """Shapes that are compared in detail."""
 
-_LARGEST_SHARE: Final = 8
-"""A piece of unknown scale is sought at least as large as a whole, and at most this many times smaller in area."""
+_LARGEST_RATIO: Final = 8
+"""Area of a whole over that of a piece of unknown scale: scales are tried from 1 to about this ratio."""
 
 _COMMON: Final = 0.4
 """Least share of the query's rings that a shape must have, too, at a scale: a few rings fit at too many scales."""
@@ -40,7 +40,7 @@ class PartSearch:
     """Distances to all shapes, and the detailed comparisons with the nearest."""
 
     distances: Floats
-    """(n,). Shapes outside the short list keep the distance of the scan, but are behind those of the list."""
+    """(n,). Outside the short list: the distance of the scan, plus a constant that keeps it behind the list."""
     comparisons: Mapping[int, Comparison]
     """By row."""
     scanned: Floats
@@ -122,7 +122,7 @@ def _scans(
         return scan_parts(query, gallery, threads)[None], np.zeros((1, len(gallery)), np.int64)
     areas = np.array([other.area for other in gallery])
     same = np.rint(OCTAVE * np.log2(areas / query.area) / 2).astype(np.int64)  # where areas are equal
-    rungs = same - np.arange(round(OCTAVE * np.log2(_LARGEST_SHARE) / 2) + 1)[:, None]
+    rungs = same - np.arange(round(OCTAVE * np.log2(_LARGEST_RATIO) / 2) + 1)[:, None]
     scans, steps = [], []
     for part in range(0, _PARTS, 2):
         shifts = rungs - (part > 0)
@@ -137,4 +137,6 @@ def _compared(variants: Sequence[_Variant], step: int, shape: LocalSignatures, o
     shift, part = divmod(step, _PARTS)
     variant, factor = variants[part], 2.0 ** (part / _PARTS / OCTAVE)
     found = compare_profiled(variant.local, variant.profiles, shape, others, shift)
-    return replace(found, residual=found.residual / factor, scale=found.scale * factor)
+    x, y, z = found.centre
+    centre = (x / factor, y / factor, z / factor)
+    return replace(found, residual=found.residual / factor, scale=found.scale * factor, centre=centre)

@@ -64,7 +64,8 @@ def relaxed(vertices: Floats, quads: Indices, gradient: Gradient, cell: float, *
     """Move the vertices halfway to the mean of their neighbours and back onto the surface, `rounds` times."""
     rows, columns = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     ones = np.ones(len(rows))
-    # An edge has two quads, rarely four, half of which traverse it in each direction: neighbours count equally.
+    # Half of an edge's quads traverse it in each direction. Neighbours therefore count once, or twice if the edge has
+    # four quads instead of two, which is rare.
     neighbours = coo_array((ones, (rows, columns)), shape=(len(vertices),) * 2).tocsr()
     degree: Floats = np.asarray(neighbours.sum(axis=1)).ravel()[:, None]
     vertices = _projected(vertices, gradient, cell, steps=2)
@@ -149,7 +150,7 @@ def _quads(
     along, side, up = np.roll(np.eye(3, dtype=np.int64), -axis, axis=0)  # right-handed
     around = []
     for offset in (side + up, up, 0 * up, side):
-        # In the cell at the start of the edge minus `offset`, the edge starts at the corner `offset`.
+        # An edge that starts at grid point p is, in the cell at p - `offset`, the edge that starts at corner `offset`.
         start, end = np.array([offset, offset + along]) @ (4, 2, 1)
         number = int(np.flatnonzero((EDGES[:, 0] == start) & (EDGES[:, 1] == end))[0])
         around.append(vertex[row[tuple((edges - offset).T)], number])

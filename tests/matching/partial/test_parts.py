@@ -110,7 +110,7 @@ def test_the_smaller_a_piece_is_taken_to_be_the_fewer_of_its_rings_the_whole_has
     shifts = np.array([[0], [-4], [-8], [-40]])
     distances, common = scan_shifted(query, [whole], shifts)
     assert (np.diff(common[:, 0]) < 0).all()
-    assert common[0] > 0.7
+    assert common[0] > 0.5  # at the right scale, most rings
     assert common[3] == 0
     assert np.isfinite(distances[:2]).all()
     assert np.isinf(distances[3])

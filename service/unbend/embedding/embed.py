@@ -127,7 +127,7 @@ def embed(
     matrix, power = scaled_to_range(check_distances(distances))
     check_choice("method", method, get_args(Method))
     if not _is_count(starts) or (starts and method != "least_squares"):
-        raise ParameterError(f"starts must be a whole number from 0, for least_squares only, not {starts!r}")
+        raise ParameterError(f"starts must be a whole number from 0, and 0 except for least_squares, not {starts!r}")
     if not _is_count(seed):
         raise ParameterError(f"seed must be a whole number from 0, not {seed!r}")
     check_threads(threads)

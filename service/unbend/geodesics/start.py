@@ -47,7 +47,7 @@ def start_front(mesh, source, enough, wanted, horizon, value, start):
 
     A *pseudo-source* is a vertex where shortest paths bend. A *window* is a side (A, B) of a triangle, unfolded into
     the plane of the source or of a pseudo-source, and the two rays between which the side is visible from there.
-    Windows propagate over every other triangle at their side. The vertices reached are listed in `seeds`.
+    Windows propagate over all other triangles at their side. The vertices reached are listed in `seeds`.
     Marching keeps the values below the returned radius, which is `_NEARLY` times the radius of exact distances.
 
     The search ends after `enough` events if it has covered the radius `wanted`, otherwise after three times as many. It

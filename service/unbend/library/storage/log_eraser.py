@@ -47,7 +47,7 @@ class LogEraser:
     def erase(self, urgency: Urgency) -> None:
         """Truncate the log: at once if `urgency` is "now" and no reader blocks it, otherwise a second later.
 
-        Calls that wait for this second share its attempt.
+        While a later attempt is scheduled, further calls do not schedule another.
         """
         with self._lock:
             if self._closed or (urgency == "now" and self._truncated()) or self._timer is not None:

@@ -255,7 +255,8 @@ def test_a_query_with_a_stored_mesh_finds_and_keeps_that_shape(shared, loop):
         job = await runner.submit_query(Upload(small_mesh(4), "ply", FEW, READ), QueryRequest("spectrum", k=1))
         return await end(runner, job.id)
 
-    assert loop(story()).result["shapes"][0] == {"id": shape.id, "name": shape.name, "label": None, "distance": 0.0}
+    expected = {"id": shape.id, "name": shape.name, "label": None, "distance": 0.0, "part": None}
+    assert loop(story()).result["shapes"][0] == expected
     assert library.mesh(shape.id) == small_mesh(4)
 
 

@@ -136,7 +136,9 @@ def ranking(*shapes, classes=()) -> dict:
     return {
         "measure": "moments",
         "classes": [{"label": label, "distance": 0.5, "confidence": 0.5} for label in classes],
-        "shapes": [{"id": one.id, "name": one.name, "label": one.label, "distance": 0.1} for one in shapes],
+        "shapes": [
+            {"id": one.id, "name": one.name, "label": one.label, "distance": 0.1, "part": None} for one in shapes
+        ],
         "known": True,
     }
 

@@ -31,7 +31,7 @@ def pack_ranking(connection: Connection, ranking: dict[str, Any] | None) -> dict
     rows = _label_rows(connection, [each["label"] for each in ranking["classes"]])
     return ranking | {
         "shapes": [
-            [seqs[each["id"]], each["distance"], *([each["part"]] if each["part"] else [])]
+            [seqs[each["id"]], each["distance"], *([each["part"]] if each.get("part") else [])]
             for each in ranking["shapes"]
             if each["id"] in seqs
         ],

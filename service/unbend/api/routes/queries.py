@@ -16,9 +16,9 @@ from unbend.api.routes.jobs import MAX_WAIT_SECONDS, accepted
 from unbend.api.routes.senders import IdempotencyKey, key_of, sender_of
 from unbend.api.routes.uploads import read_upload
 from unbend.api.schema.fields import (
-    FEWER_PAIRS,
     FILE,
     FILE_ENCODING,
+    QUERY_CONDITIONS,
     ClassifierName,
     MeasureName,
     ParametersText,
@@ -43,7 +43,7 @@ M = TypeVar("M", bound=BaseModel)
 class FileQuery(BaseModel):
     """The form fields of a query, except its file."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra=FEWER_PAIRS)
+    model_config = ConfigDict(extra="forbid", json_schema_extra=QUERY_CONDITIONS)
 
     measure: MeasureName = DEFAULT_MEASURE
     classifier: ClassifierName = Field(

@@ -17,8 +17,9 @@ from unbend.embedding.weighting import Weighting
 from unbend.geodesics.distances import Update
 from unbend.jsons import as_whole
 from unbend.library.requests import MAX_PAIRS, RANKING_MEASURES
-from unbend.matching.classification.registry import CLASSIFIERS
+from unbend.matching.classification.registry import CLASSIFIERS, DEFAULT_CLASSIFIER
 from unbend.matching.measures.registry import PAIR_MEASURES, VECTOR_MEASURES
+from unbend.matching.partial import PART_MEASURES
 from unbend.mesh.formats import FORMATS
 from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components, Seams
 from unbend.signature.parameters import MAX_SAMPLES, MAX_SEED, FirstSample, Scaling
@@ -134,11 +135,19 @@ ClassifierName = Annotated[str, Field(json_schema_extra={"enum": list(CLASSIFIER
 Whole = Annotated[int, BeforeValidator(as_whole)]
 """An integer in JSON, for strict models, which refuse text and booleans. 10.0 equals 10 (JSON Schema)."""
 
-FEWER_PAIRS: Final[dict[str, Any]] = {
-    "if": {"properties": {"measure": {"enum": list(PAIR_MEASURES)}}, "required": ["measure"]},
-    "then": {"properties": {"k": {"maximum": MAX_PAIRS}}},
+QUERY_CONDITIONS: Final[dict[str, Any]] = {
+    "allOf": [
+        {
+            "if": {"properties": {"measure": {"enum": list(PAIR_MEASURES)}}, "required": ["measure"]},
+            "then": {"properties": {"k": {"maximum": MAX_PAIRS}}},
+        },
+        {
+            "if": {"properties": {"measure": {"enum": list(PART_MEASURES)}}, "required": ["measure"]},
+            "then": {"properties": {"classifier": {"const": DEFAULT_CLASSIFIER}}},
+        },
+    ]
 }
-"""Condition on a query: `k` has a lower maximum for measures of whole shapes."""
+"""Conditions on a query: a lower maximum of `k` for measures of whole shapes, one classifier for measures of parts."""
 
 FILE: Final = {
     "type": "string",

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from unbend.api.schema.fields import FEWER_PAIRS, ClassifierName, Id, MeasureName, Whole
+from unbend.api.schema.fields import QUERY_CONDITIONS, ClassifierName, Id, MeasureName, Whole
 from unbend.correspondence.match import Turn
 from unbend.correspondence.pieces import Part as PieceOf
 from unbend.library import records
@@ -224,7 +224,7 @@ class Forgotten(BaseModel):
 class ShapeQuery(BaseModel):
     """A query by a stored shape."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra=FEWER_PAIRS)
+    model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra=QUERY_CONDITIONS)
 
     shape_id: Annotated[Id, Field(min_length=1, max_length=64)]
     measure: MeasureName = DEFAULT_MEASURE

@@ -14,6 +14,7 @@ from unbend.geodesics.marching import UNREACHED, front_arrays
 from unbend.geodesics.start import start_arrays
 from unbend.geodesics.stencils import SLOTS, stencils_of
 from unbend.jit import kernel
+from unbend.mesh.smooth import boundary_edges
 from unbend.mesh.surface import Surface
 
 
@@ -64,6 +65,12 @@ def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "
     nearest = owner[stencils.place]
     areas = cell_areas(surface, nearest, len(chosen))
     return VoronoiDiagram(distance[stencils.place].astype(np.float64) * stencils.unit, nearest, areas)
+
+
+def boundary_distances(surface: Surface) -> Floats:
+    """Return the geodesic distance of each vertex from the boundary, (n,); infinite without a boundary."""
+    rim = np.unique(boundary_edges(surface))
+    return geodesic_voronoi(surface, rim).distances if len(rim) else np.full(len(surface.vertices), np.inf)
 
 
 def cell_areas(surface: Surface, nearest: Ints, count: int) -> Floats:

@@ -8,8 +8,9 @@ through history.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
+from types import UnionType
 from typing import Any, Final, TypeVar
 
 from sqlalchemy import Column, Connection, Row, Select, delete, insert, select
@@ -21,6 +22,12 @@ T = TypeVar("T")
 
 _BATCH: Final = 500
 """Largest number of values in one statement."""
+
+_PACKED: Final[dict[str, Sequence[Sequence[type | UnionType]]]] = {
+    "shapes": ((int, int | float), (int, int | float, dict)),
+    "classes": ((int, int | float, int | float),),
+}
+"""Types in the stored form of each match; the third of a shape is how the query relates to it."""
 
 
 def pack_ranking(connection: Connection, ranking: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -73,21 +80,14 @@ def is_packed(stored: Any) -> bool:
     """Return whether a value is None or has the form that `pack_ranking` returns."""
     if stored is None:
         return True
-    matches = {"shapes": (int, float), "classes": (int, float, float)}
     return isinstance(stored, dict) and all(
-        isinstance(stored.get(part), list) and all(_is_match(each, kinds) for each in stored[part])
-        for part, kinds in matches.items()
+        isinstance(stored.get(part), list) and all(any(_fits(each, kinds) for kinds in forms) for each in stored[part])
+        for part, forms in _PACKED.items()
     )
 
 
-def _is_match(value: Any, kinds: tuple[type, ...]) -> bool:
-    if isinstance(value, list) and len(kinds) == 2 and len(value) == 3 and isinstance(value[2], dict):
-        value = value[:2]  # the third is how the query relates to the shape
-    return (
-        isinstance(value, list)
-        and len(value) == len(kinds)
-        and all(isinstance(each, kind | int) for each, kind in zip(value, kinds, strict=True))
-    )
+def _fits(value: Any, kinds: Sequence[type | UnionType]) -> bool:
+    return isinstance(value, list) and len(value) == len(kinds) and all(map(isinstance, value, kinds))
 
 
 def delete_unused_label(connection: Connection, label: str | None) -> None:

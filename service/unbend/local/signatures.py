@@ -9,15 +9,14 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from unbend.arrays import Floats, Ints, Singles, frozen
+from unbend.arrays import Floats, Singles, frozen
 from unbend.errors import MeshGeometryError
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.sampling import sample_farthest
 from unbend.geodesics.stencils import stencils_of
-from unbend.geodesics.voronoi import geodesic_voronoi
+from unbend.geodesics.voronoi import boundary_distances
 from unbend.local.growth import add_growth
 from unbend.local.refined import refined
-from unbend.mesh.smooth import boundary_edges
 from unbend.mesh.surface import Surface
 from unbend.threads import share_out
 
@@ -148,7 +147,7 @@ def local_signatures(
         places=fine.vertices[samples].astype(np.float32),
         growth=(growth / radii**2).astype(np.float32),
         first=first,
-        reach=_reach(fine, samples).astype(np.float32),
+        reach=boundary_distances(fine)[samples].astype(np.float32),
         distances=_in_steps(np.minimum(between, between.T)).astype(np.float32),
         area=surface.area,
     )
@@ -177,11 +176,3 @@ def _in_steps(distances: Floats) -> Floats:
     """Return distances rounded to 255 equal steps up to the largest, as they are stored."""
     step = distances.max(initial=0.0) / STEPS
     return np.asarray(np.rint(distances / step) * step if step > 0 else distances)
-
-
-def _reach(surface: Surface, samples: Ints) -> Floats:
-    """Return the distance of each sample from the boundary, (k,)."""
-    rim = np.unique(boundary_edges(surface))
-    if not len(rim):
-        return np.full(len(samples), np.inf)
-    return geodesic_voronoi(surface, rim).distances[samples]

@@ -16,9 +16,9 @@ from unbend.errors import MeshGeometryError
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.sampling import sample_farthest
 from unbend.geodesics.stencils import stencils_of
-from unbend.geodesics.voronoi import cell_areas, geodesic_voronoi
+from unbend.geodesics.voronoi import boundary_distances, cell_areas
 from unbend.local.growth import add_growth
-from unbend.mesh.smooth import boundary_edges
+from unbend.local.rings import unrepeated
 from unbend.mesh.surface import Surface
 
 RADII: Final = 0.07 * 2.0 ** (np.arange(14) / 4)
@@ -26,10 +26,6 @@ RADII: Final = 0.07 * 2.0 ** (np.arange(14) / 4)
 
 OUTER: Final = RADII[2:]
 """Radius of the largest circle that each ring depends on."""
-
-_CARRIED: Final = 0.6
-_PRECISION: Final = 27.0
-"""The constants of `unbend.matching.partial.profiles`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +100,15 @@ def _view(
 
 def _within_boundary(surface: Surface, rows: Floats, unit: float, threads: int | None) -> tuple[Floats, Floats]:
     """Return the least distances in the whole, (S, n), and the distance of each vertex from the boundary, (n,)."""
-    rim = np.unique(boundary_edges(surface))
-    if not len(rim):
-        return rows, np.full(len(surface.vertices), np.inf)
+    reach = boundary_distances(surface) / unit
     chosen = crossings(surface)
+    if not len(chosen):
+        return rows, reach
     away = distance_rows(stencils_of(surface), chosen.astype(np.int32), None, "spherical", threads) / unit
     places = surface.vertices[chosen] / unit
     straight = np.linalg.norm(places[:, None] - places, axis=2)
     least = least_distances(rows[:, chosen], np.ascontiguousarray(away.T), straight, rows)
-    return least, np.asarray(geodesic_voronoi(surface, rim).distances / unit)
+    return least, reach
 
 
 def _rings(surface: Surface, rows: Floats, unit: float) -> Floats:
@@ -121,4 +117,4 @@ def _rings(surface: Surface, rows: Floats, unit: float) -> Floats:
     add_growth(rows, surface.faces, surface.face_areas / unit**2, RADII, growth)
     growth /= RADII**2
     rings = growth[:, 1:] - (RADII[0] / RADII[2]) * growth[:, :-1]
-    return np.asarray(_PRECISION * (rings[:, 1:] - _CARRIED * rings[:, :-1]))
+    return unrepeated(rings)

@@ -151,7 +151,8 @@ def _known(
 
 
 def _part(found: PartSearch, row: int) -> dict[str, object] | None:
-    return found.comparisons[row].as_dict() if row in found.comparisons else None
+    compared = found.comparisons.get(row)
+    return compared.as_dict() if compared else None
 
 
 def _classes(labels: Sequence[str | None], distances: Floats) -> list[ClassMatch]:

@@ -14,7 +14,7 @@ from unbend.matching.partial.profiles import Profiles, profiles_of
 from unbend.matching.partial.scanning import differences, least, ordered
 
 Relation = Literal["part", "contains", "whole"]
-"""What a query is to a shape: a part of it, larger and containing it, or a whole shape like it."""
+"""The relation of a query to a shape: a part of it, a whole that contains it, or a whole shape like it."""
 
 ANCHORS: Final = 3
 """Circles, far from each other, that are tried as the anchor; the best one determines the places of the others."""

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Indices, Ints, Singles
+from unbend.local.rings import unrepeated
 from unbend.local.signatures import LocalSignatures
 
 COMPARED: Final = 120
@@ -18,16 +19,6 @@ WIDEST: Final = 13
 
 _FEWEST: Final = 3
 """Circles with fewer rings than this are chosen only if fewer circles than this have as many."""
-
-_CARRIED: Final = np.float32(0.6)
-"""Share of a ring's deviation that the next ring repeats."""
-
-_PRECISION: Final = np.float32(27.0)
-"""One over the usual deviation that is left: 0.037 of the square of the radius.
-
-Between poses of one shape, the deviations of neighbouring rings are those of a first-order autoregression, with nearly
-the same constants at all radii (benchmarks/partial/pieces.py, measured on half of the classes of SHREC'11).
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +43,7 @@ def profiles_of(local: LocalSignatures) -> Profiles:
 
     The first ring has none before it, so values begin with the second.
     """
-    values = _PRECISION * (local.rings[:, 1:] - _CARRIED * local.rings[:, :-1])
+    values = unrepeated(local.rings)
     radii = local.radii[2:]
     complete = np.minimum((local.reach[:, None] >= radii).sum(axis=1), WIDEST if not local.is_open else len(radii))
     order = np.argsort(-local.reach, kind="stable")

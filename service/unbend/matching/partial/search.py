@@ -42,7 +42,7 @@ class PartSearch:
     distances: Floats
     """(n,). Outside the short list: the distance of the scan, plus a constant that keeps it behind the list."""
     comparisons: Mapping[int, Comparison]
-    """By row."""
+    """The detailed comparison of each shape of the short list, by its row in the gallery."""
     scanned: Floats
     """Distances of the scan alone, (n,)."""
 

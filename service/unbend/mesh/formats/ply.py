@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Indices, Ints
 from unbend.errors import MeshReadError
@@ -175,27 +176,23 @@ def write(vertices: Floats, faces: Ints, colours: Floats | None, _uv: Floats | N
     if colours is not None:
         points["colour"] = 255
         points["colour"][:, :3] = np.rint(255 * colours)
-    polygons = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
-    polygons["count"], polygons["corners"] = 3, faces
     properties = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {name}" for name in names]
-    return _head(len(vertices), properties, len(faces)) + points.tobytes() + polygons.tobytes()
+    return _file(properties, points, faces)
 
 
 def write_exactly(vertices: Floats, faces: Indices) -> bytes:
     """Return a binary ply file of double precision, which loses nothing."""
+    return _file([f"property double {axis}" for axis in "xyz"], np.asarray(vertices, "<f8"), faces)
+
+
+def _file(properties: Sequence[str], points: NDArray[Any], faces: Ints | Indices) -> bytes:
     polygons = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     polygons["count"], polygons["corners"] = 3, faces
-    return _head(len(vertices), [f"property double {axis}" for axis in "xyz"], len(faces)) + (
-        np.asarray(vertices, "<f8").tobytes() + polygons.tobytes()
-    )
-
-
-def _head(vertices: int, properties: Sequence[str], faces: int) -> bytes:
     lines = [
-        "ply", "format binary_little_endian 1.0", f"element vertex {vertices}", *properties,
-        f"element face {faces}", "property list uchar int vertex_indices", "end_header", "",
+        "ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties,
+        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", "",
     ]  # fmt: skip
-    return "\n".join(lines).encode()
+    return "\n".join(lines).encode() + points.tobytes() + polygons.tobytes()
 
 
 PLY: Final = MeshFormat("ply", recognises, announced, read, write)

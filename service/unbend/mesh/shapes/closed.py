@@ -10,6 +10,7 @@ from unbend.arrays import Floats, Indices
 from unbend.errors import ParameterError
 from unbend.mesh.shapes.checks import at_least, positive
 from unbend.mesh.shapes.grids import grid_faces
+from unbend.mesh.subdivide import subdivided
 from unbend.mesh.surface import Surface
 
 
@@ -30,7 +31,7 @@ def sphere(subdivisions: int = 3, *, radius: float = 1.0) -> Surface:
     """
     vertices, faces = _icosahedron()
     for _ in range(at_least("subdivisions", subdivisions, 0, 7)):
-        vertices, faces = _subdivided(vertices, faces)
+        vertices, faces = subdivided(vertices, faces)
         vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     return Surface(positive("radius", radius) * vertices, faces)
 
@@ -110,13 +111,3 @@ def _icosahedron() -> tuple[Floats, Indices]:
     )
     bottom = np.stack([np.full(5, 11), 6 + after, 6 + here], axis=1)
     return vertices, np.vstack([top, band, bottom])
-
-
-def _subdivided(vertices: Floats, faces: Indices) -> tuple[Floats, Indices]:
-    """Split every triangle in four at the middles of its edges."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, inverse = np.unique(edges, axis=0, return_inverse=True)
-    a, b, c = faces.T
-    ab, bc, ca = (inverse.reshape(-1, 3) + len(vertices)).T
-    children = [np.stack(corners, axis=1) for corners in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-    return np.vstack([vertices, vertices[unique].mean(axis=1)]), np.vstack(children)

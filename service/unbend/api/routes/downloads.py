@@ -6,7 +6,7 @@ import asyncio
 import re
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from functools import partial
-from typing import Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 from urllib.parse import quote
 
 from fastapi import HTTPException, Request, Response
@@ -50,6 +50,9 @@ MEDIA_TYPES: Final[dict[str, str]] = {
     **FORMATS,
     "npz": "application/vnd.numpy.npz",
 }
+
+_BINARY: Final = {"type": "string", "format": "binary"}
+_SCHEMAS: Final = {"json": {"schema": {"type": "object"}}}
 
 _BYTES: Final = "application/octet-stream"
 _ANY: Final = "*/*"
@@ -108,6 +111,11 @@ def sends(media_type: str) -> Callable[[Request], None]:
             raise MediaTypeError(media_type)
 
     return check
+
+
+def file_content(*formats: str) -> dict[str, dict[str, Any]]:
+    """Return the part of the OpenAPI document that describes a file in one of `formats`."""
+    return {MEDIA_TYPES[name]: _SCHEMAS.get(name, {"schema": _BINARY}) for name in formats}
 
 
 def file_headers(file_type: str, name: str) -> dict[str, str]:

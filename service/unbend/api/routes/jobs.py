@@ -10,7 +10,7 @@ from fastapi.responses import JSONResponse
 from pydantic import AwareDatetime, BeforeValidator
 
 from unbend.api.context import job_path
-from unbend.api.routes.downloads import file_response
+from unbend.api.routes.downloads import MEDIA_TYPES, file_content, file_response
 from unbend.api.routes.events import (
     ALL_EVENTS_SCHEMA,
     EVENT_SCHEMA,
@@ -158,7 +158,7 @@ async def follow_job(
     "/{job_id}/file",
     response_class=Response,
     responses={
-        200: {"description": "The file.", "headers": DISPOSITION, "content": {"application/octet-stream": {}}},
+        200: {"description": "The file.", "headers": DISPOSITION, "content": file_content(*MEDIA_TYPES)},
         **problem_responses(404, 422),
     },
 )

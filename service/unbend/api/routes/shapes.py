@@ -17,6 +17,7 @@ from unbend.api.routes.downloads import (
     choose_format,
     etag_of,
     expected_revisions,
+    file_content,
     file_headers,
     file_response,
     is_known,
@@ -72,12 +73,7 @@ _FIELDS: Final = frozenset({"file", "name", "label", "metadata", "parameters", "
 
 
 def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
-    described: dict[str, Any] = {
-        "description": "The file.",
-        "content": {MEDIA_TYPES[name]: {"schema": {"type": "string", "format": "binary"}} for name in formats},
-        "headers": DISPOSITION,
-    }
-    described["content"]["application/json"] = {"schema": {"type": "object"}}
+    described = {"description": "The file.", "content": file_content(*formats), "headers": DISPOSITION}
     return {200: described, 202: _AS_JOB, **problem_responses(404, 406, 422, 429, 504, 507)}
 
 

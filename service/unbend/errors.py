@@ -7,7 +7,8 @@
     │   ├── MeshTooLargeError     it has more vertices or triangles than allowed
     │   └── MeshGeometryError     it has no usable surface
     ├── ParameterError            an argument is out of its range
-    │   └── UnsuitedError         it is in its range, but the mesh or the library does not allow it
+    │   ├── UnsuitedError         it is in its range, but the mesh or the library does not allow it
+    │   └── ExistsError           a file or a library is there already, and would be replaced
     ├── StoreError                the store of the library fails
     │   ├── NotFoundError         no such record
     │   ├── ChangedError          the record was changed since the caller read it
@@ -114,6 +115,13 @@ class UnsuitedError(ParameterError):
 
     code = "unsuited"
     advice = "Try another shape, or try again once the library contains what the message names."
+
+
+class ExistsError(ParameterError):
+    """A file or a library is there already, and the caller did not ask to replace it."""
+
+    code = "exists"
+    advice = "Name another place, or pass overwrite=True to replace what is there."
 
 
 class StoreError(UnbendError):

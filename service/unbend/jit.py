@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
+import threading
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.event import Listener, register, unregister
 from numba.extending import intrinsic
 
 P = ParamSpec("P")
@@ -62,3 +67,53 @@ def _prefetch(_typing_context: Any, array: Any, _byte: Any) -> Any:
 
 
 prefetch: Any = intrinsic(_prefetch)
+
+
+class _CompilationListener(Listener):
+    """Calls `tell` once, when compilations have taken `seconds` in sum."""
+
+    def __init__(self, tell: Callable[[], None], seconds: float) -> None:
+        self._tell = tell
+        self._left = seconds
+        self._depth = 0  # a kernel that calls another compiles it within its own compilation
+        self._began = 0.0
+        self._timer: threading.Timer | None = None
+
+    def on_start(self, _event: Any) -> None:
+        self._depth += 1
+        if self._depth == 1 and self._left > 0:
+            self._began = time.perf_counter()
+            self._timer = threading.Timer(self._left, self._tell_once)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def on_end(self, _event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._timer:
+            self._timer.cancel()
+            self._left -= time.perf_counter() - self._began
+
+    def _tell_once(self) -> None:
+        self._left = 0.0
+        self._tell()
+
+
+def on_compilation(tell: Callable[[], None], after: float = 1.0) -> Callable[[], None]:
+    """Call `tell` once, in another thread, when this process has compiled kernels for `after` seconds.
+
+    Kernels whose machine code is on disk are not compiled. Return a function that ends this.
+    """
+    listener = _CompilationListener(tell, after)
+    register("numba:compile", listener)
+    return lambda: unregister("numba:compile", listener)
+
+
+def is_compiled(compiled: Callable[..., Any]) -> bool:
+    """Return whether the machine code of a kernel is on disk, and not older than its source.
+
+    It may still be that of another processor, or of another version of Numba: then Numba compiles the kernel again.
+    """
+    source = Path(inspect.getfile(cast("Any", compiled).py_func))
+    stem, changed = f"{source.stem}.{compiled.__name__}-", source.stat().st_mtime
+    folder = Path(str(cast("Any", compiled).stats.cache_path))
+    return any(file.stat().st_mtime >= changed for file in folder.glob(f"{stem}*.nbi"))

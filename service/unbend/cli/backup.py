@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from unbend.cli.options import library_option
-from unbend.names import DEFAULT_LIBRARY
+from unbend.cli.options import json_option, library_option
+from unbend.cli.places import check_library
+from unbend.cli.terminal import confirm
+from unbend.names import printable
+
+if TYPE_CHECKING:
+    from unbend.library.backups.backup import Backup
 
 force_option = click.option("--force", is_flag=True, help="Replace an existing file or library.")
 
@@ -17,7 +23,8 @@ force_option = click.option("--force", is_flag=True, help="Replace an existing f
 @library_option
 @force_option
 @click.option("--verify", "verify_only", is_flag=True, help="Check the backup DEST; copy nothing.")
-def backup(destination: Path, library: str | None, force: bool, verify_only: bool) -> None:
+@json_option
+def backup(destination: Path, library: str, force: bool, verify_only: bool, as_json: bool) -> None:
     """Copy a library, which may be in use, into the file DEST.
 
     DEST is one checked state of the library, and appears complete or not at all. It contains everything: files, hashes
@@ -28,17 +35,20 @@ def backup(destination: Path, library: str | None, force: bool, verify_only: boo
 
     if verify_only:
         found = verify(destination)
-        click.echo(f"{destination}: {found.shapes} shapes, {found.size} bytes, schema {found.revision}, sound")
-        return
-    made = make_backup(library or DEFAULT_LIBRARY, destination, overwrite=force)
-    click.echo(f"{made.path}: {made.shapes} shapes, {made.size} bytes, checked")
+        text = f"{found.shapes} shapes, {found.size} bytes, schema {found.revision}, sound"
+    else:
+        check_library(library)
+        found = make_backup(library, destination, overwrite=force)
+        text = f"{found.shapes} shapes, {found.size} bytes, checked"
+    confirm(_as_json(found), f"{found.path}: {text}", as_json=as_json)
 
 
 @click.command()
 @click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path))
 @library_option
 @force_option
-def restore(source: Path, library: str | None, force: bool) -> None:
+@json_option
+def restore(source: Path, library: str, force: bool, as_json: bool) -> None:
     """Replace a library, which may be in use, by the backup SOURCE.
 
     SOURCE is checked first. A library that ever had API keys keeps them. Replacing an existing library needs --force,
@@ -46,5 +56,9 @@ def restore(source: Path, library: str | None, force: bool) -> None:
     """
     from unbend.library.backups.backup import restore as replace_library  # noqa: PLC0415
 
-    made = replace_library(source, library or DEFAULT_LIBRARY, overwrite=force)
-    click.echo(f"{made.path}: {made.shapes} shapes, as in {source}")
+    made = replace_library(source, library, overwrite=force)
+    confirm(_as_json(made), f"{made.path}: {made.shapes} shapes, as in {source}", as_json=as_json)
+
+
+def _as_json(found: Backup) -> dict[str, object]:
+    return {**vars(found), "path": printable(str(found.path))}

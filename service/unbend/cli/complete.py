@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import click
 
-from unbend.cli.options import library_option
-from unbend.names import DEFAULT_LIBRARY
+from unbend.cli.options import json_option, library_option
+from unbend.cli.places import open_library
+from unbend.cli.terminal import announce_compilation, confirm, warn
 
 
 @click.command()
 @library_option
-def complete(library: str | None) -> None:
+@json_option
+def complete(library: str, as_json: bool) -> None:
     """Compute the local signatures, by which pieces are recognised, for shapes that earlier versions stored."""
-    from unbend.library import Library  # noqa: PLC0415
-
-    with Library(library or DEFAULT_LIBRARY) as opened:
-        count = 0
+    completed: list[str] = []
+    with open_library(library) as opened:
+        announce_compilation()
         for shape in opened.complete():
-            count += 1
-            click.echo(shape.name)
-    click.echo(f"completed {count} shapes" if count else "nothing is missing")
+            completed.append(shape.id)
+            warn(shape.name)
+    text = f"completed {len(completed)} shapes" if completed else "nothing is missing"
+    confirm({"completed": completed}, text, as_json=as_json)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unbend.cli.folder import LabelledFile
-from unbend.cli.options import Values, progress, warn, warn_of
+from unbend.cli.options import Values
+from unbend.cli.terminal import announce_compilation, print_error, progress, stages, warn, warn_of
 from unbend.errors import UnbendError
 from unbend.mesh.policy import MeshPolicy
 
@@ -34,7 +35,9 @@ def read_file(mesh: Path, policy: Values) -> Surface:
     """Return the surface of a mesh file; print notes and warnings on standard error."""
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
 
-    surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy))
+    announce_compilation()
+    with stages(mesh.name) as report:
+        surface = read_mesh(mesh, policy=MeshPolicy.from_dict(policy), progress=report)
     for note in surface.report.notes:
         warn(f"{mesh.name}: {note}")
     warn_of(mesh.name, surface.report.warnings)
@@ -46,7 +49,10 @@ def compute_file(mesh: Path, parameters: Values, policy: Values, *, local: bool 
     from unbend.signature.from_file import signature_of_file  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
-    found = signature_of_file(mesh, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy), local=local)
+    announce_compilation()
+    chosen, read = Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)
+    with stages(mesh.name) as report:
+        found = signature_of_file(mesh, chosen, read, local=local, progress=report)
     for note in found.surface.report.notes:
         warn(f"{mesh.name}: {note}")
     warn_of(mesh.name, found.signature.warnings)
@@ -60,11 +66,12 @@ def compute_files(
 
     Errors are printed, and other files are still computed.
     """
+    announce_compilation(in_processes=True)
     with progress(_computed(files, parameters, policy, picture), "computing signatures", len(files)) as bar:
         results = list(bar)
     for result in results:
         if result.signature is None:
-            warn(f"{result.file.path}: {result.error}")
+            print_error(f"{result.file.path}: {result.error}")
         else:
             warn_of(result.file.path, result.signature.warnings)
     return results

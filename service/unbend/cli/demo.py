@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.options import library_option, progress
-from unbend.names import DEFAULT_LIBRARY
+from unbend.cli.options import json_option, library_option
+from unbend.cli.terminal import announce_compilation, confirm, progress
+from unbend.names import printable
 
 
 @click.command()
@@ -19,16 +20,19 @@ from unbend.names import DEFAULT_LIBRARY
     type=click.Path(file_okay=False, path_type=Path),
     help="Write the meshes and labels.csv to DIR instead.",
 )
-def demo(library: str | None, folder: Path | None) -> None:
+@json_option
+def demo(library: str, folder: Path | None, as_json: bool) -> None:
     """Fill a library with generated bent shapes: sheets, tubes, animals, hands, each in several poses."""
-    count = _write(folder) if folder else _store(library or DEFAULT_LIBRARY)
-    click.echo(f"{count} demo shapes in {folder or library or DEFAULT_LIBRARY}")
+    count = _write(folder) if folder else _store(library)
+    place = printable(str(folder or library))
+    confirm({"shapes": count, "place": place}, f"{count} demo shapes in {place}", as_json=as_json)
 
 
 def _store(url: str) -> int:
     from unbend.library import Library  # noqa: PLC0415
     from unbend.mesh.shapes import DEMO_COUNT, demo_shapes  # noqa: PLC0415
 
+    announce_compilation()
     with Library(url) as library:
         if len(library) >= DEMO_COUNT:
             return len(library)

@@ -6,23 +6,22 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.options import library_option
-from unbend.names import DEFAULT_LIBRARY, printable
+from unbend.cli.options import json_option, library_option
+from unbend.cli.places import open_library
+from unbend.cli.terminal import confirm
+from unbend.names import printable
 
 
 @click.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 @library_option
-def export(folder: Path, library: str | None) -> None:
+@json_option
+def export(folder: Path, library: str, as_json: bool) -> None:
     """Write every shape's file, and labels.csv, to DIR, which must be empty.
 
     `unbend import DIR --labels DIR/labels.csv` and `unbend evaluate` read such a folder.
     """
-    from unbend.library import Library  # noqa: PLC0415
-    from unbend.library.storage.database import must_exist  # noqa: PLC0415
-
-    url = library or DEFAULT_LIBRARY
-    must_exist(url)
-    with Library(url) as opened:
+    with open_library(library) as opened:
         count = opened.export(folder)
-    click.echo(f"{printable(str(folder))}: {count} shapes")
+    place = printable(str(folder))
+    confirm({"folder": place, "shapes": count}, f"{place}: {count} shapes", as_json=as_json)

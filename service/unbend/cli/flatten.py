@@ -7,15 +7,17 @@ from pathlib import Path
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options, warn
+from unbend.cli.options import Values, json_option, mesh_path, output_option, parameter_options, policy_options
+from unbend.cli.terminal import confirm_file
 
 
 @click.command()
 @click.argument("mesh", type=mesh_path)
 @output_option("An obj, glb, npz or json file: MESH with texture coordinates.", required=True)
+@json_option
 @parameter_options
 @policy_options
-def flatten(mesh: Path, output: Path, parameters: Values, policy: Values) -> None:
+def flatten(mesh: Path, output: Path, as_json: bool, parameters: Values, policy: Values) -> None:
     """Flatten MESH into the plane, and write it with the resulting texture coordinates.
 
     Sheet-like surfaces give good results. A closed surface is flattened into two layers: cut it open first.
@@ -28,7 +30,11 @@ def flatten(mesh: Path, output: Path, parameters: Values, policy: Values) -> Non
     file_type = check_format(output.suffix.lower().lstrip("."), TEXTURE_FORMATS)
     found = lay_flat(read_file(mesh, policy), Parameters.from_dict(parameters))
     output.write_bytes(export_flattening(found, file_type))
-    warn(
-        f"{output}: lengths change by a factor of {found.mean_distortion:.4g} on average, {found.max_distortion:.4g} at"
-        f" most; {found.flipped:.1%} of the area is turned over; stress {found.stress:.4g}"
+    figures = {name: getattr(found, name) for name in ("mean_distortion", "max_distortion", "flipped", "stress")}
+    confirm_file(
+        output,
+        f"lengths change by a factor of {found.mean_distortion:.4g} on average, {found.max_distortion:.4g} at most; "
+        f"{found.flipped:.1%} of the area is turned over; stress {found.stress:.4g}",
+        figures,
+        as_json=as_json,
     )

@@ -19,11 +19,9 @@ from unbend.cli.options import (
     library_option,
     parameter_options,
     policy_options,
-    progress,
     url_option,
-    warn,
-    warn_of,
 )
+from unbend.cli.terminal import announce_compilation, print_error, progress, warn, warn_of
 from unbend.errors import AccessError, MeshError, ParameterError, ServiceError, UnbendError
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import DEFAULT_LIBRARY, printable
@@ -85,7 +83,7 @@ def import_folder(
         ended = list(bar)
     for file in ended:
         if file.error:
-            warn(f"{file.path}: {file.error}")
+            print_error(f"{file.path}: {file.error}")
         warn_of(file.path, file.warnings)
     _warn_of_duplicates(ended)
     if not labels:
@@ -126,6 +124,7 @@ def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, p
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
     Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)  # invalid options are invalid for all files
+    announce_compilation()
     with Library(url) as library:
         for file in files:
             try:

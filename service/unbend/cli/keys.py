@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,14 +10,17 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from unbend.cli.options import json_option, library_option, warn
-from unbend.names import DEFAULT_LIBRARY
+from unbend.cli.group import CommandGroup
+from unbend.cli.options import json_option, library_option
+from unbend.cli.places import check_library
+from unbend.cli.tables import table
+from unbend.cli.terminal import confirm, print_result, warn
 
 if TYPE_CHECKING:
     from unbend.library.keys import KeyRecord, Keys
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def keys() -> None:
     """Make, list and revoke the API keys of a library.
 
@@ -38,42 +40,51 @@ def keys() -> None:
 @click.option("--expires", metavar="WHEN", help="Time of expiry: 90d, 12h, or a date such as 2027-01-31.")
 @click.option("--most-jobs", type=click.IntRange(1), help="Maximum number of queued and running jobs of this key.")
 @library_option
+@json_option
 def create(
-    name: str, scope: Literal["read", "write", "admin"], expires: str | None, most_jobs: int | None, library: str | None
+    name: str,
+    scope: Literal["read", "write", "admin"],
+    expires: str | None,
+    most_jobs: int | None,
+    library: str,
+    as_json: bool,
 ) -> None:
     """Make a key named NAME and print it. The key is shown only once, because the library stores only its hash."""
     until = _parse_expiry(expires) if expires else None
     with _keys(library) as stored:
         record, text = stored.create(name, scope, expires_at=until, most_jobs=most_jobs)
     warn(f"unbend: key {record.id}, which may {scope}; it will not be shown again")
-    click.echo(text)
+    print_result(_as_json(record) | {"key": text}, text, as_json=as_json)
 
 
 @keys.command("list")
 @library_option
 @json_option
-def list_all(library: str | None, as_json: bool) -> None:
+def list_all(library: str, as_json: bool) -> None:
     """List the keys, including revoked ones, without their secrets."""
+    check_library(library)
     with _keys(library) as stored:
         records = stored.all()
-    click.echo(json.dumps({"keys": [_as_json(record) for record in records]}) if as_json else _table(records))
+    print_result({"keys": [_as_json(record) for record in records]}, lambda: _table(records), as_json=as_json)
 
 
 @keys.command("revoke")
 @click.argument("key_id", metavar="ID")
 @library_option
-def revoke(key_id: str, library: str | None) -> None:
+@json_option
+def revoke(key_id: str, library: str, as_json: bool) -> None:
     """Revoke the key with this ID for good."""
+    check_library(library)
     with _keys(library) as stored:
         record = stored.revoke(key_id)
-    click.echo(f"{record.id} ({record.name}) is revoked")
+    confirm(_as_json(record), f"{record.id} ({record.name}) is revoked", as_json=as_json)
 
 
 @contextmanager
-def _keys(url: str | None) -> Iterator[Keys]:
+def _keys(url: str) -> Iterator[Keys]:
     from unbend.library import Library  # noqa: PLC0415
 
-    with Library(url or DEFAULT_LIBRARY) as library:
+    with Library(url) as library:
         yield library.keys
 
 
@@ -96,11 +107,15 @@ def _as_json(record: KeyRecord) -> dict[str, object]:
 def _table(records: list[KeyRecord]) -> str:
     if not records:
         return "the library has no keys"
-    lines = [f"{'id':<14}{'scope':<8}{'made':<22}{'revoked':<22}{'expires':<22}{'jobs':<7}name"]
-    for record in records:
-        times = "".join(
-            f"{time:%Y-%m-%d %H:%M:%S}   " if time else f"{'-':<22}"
-            for time in (record.created_at, record.revoked_at, record.expires_at)
-        )
-        lines.append(f"{record.id:<14}{record.scope:<8}{times}{record.most_jobs or '-':<7}{record.name}")
-    return "\n".join(lines)
+    rows = [
+        [record.id, record.scope, *map(_second, _times(record)), record.most_jobs, record.name] for record in records
+    ]
+    return table(["id", "scope", "made", "revoked", "expires", "jobs", "name"], rows)
+
+
+def _times(record: KeyRecord) -> tuple[datetime | None, ...]:
+    return record.created_at, record.revoked_at, record.expires_at
+
+
+def _second(time: datetime | None) -> str | None:
+    return f"{time:%Y-%m-%d %H:%M:%S}" if time else None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, output_option, policy_options, warn
+from unbend.cli.options import Values, json_option, mesh_path, output_option, policy_options
+from unbend.cli.terminal import confirm_file, warn_of
 
 if TYPE_CHECKING:
     from unbend.correspondence.correspondence import Correspondence
@@ -49,9 +51,18 @@ part_option = click.option(
 @orientation_option
 @part_option
 @samples_option
+@json_option
 @policy_options
 def match(
-    a: Path, b: Path, output: Path, colours: Path | None, orientation: str, part: str, samples: int, policy: Values
+    a: Path,
+    b: Path,
+    output: Path,
+    colours: Path | None,
+    orientation: str,
+    part: str,
+    samples: int,
+    as_json: bool,
+    policy: Values,
 ) -> None:
     """Find for each vertex of A the point of B that is the same place, however both are bent.
 
@@ -70,15 +81,30 @@ def match(
     output.write_bytes(export_correspondence(found, first, second, file_type))
     if colours and second_type:
         colours.write_bytes(write_mesh(second.vertices, second.faces, second_type, colours=place_colours(second)))
-    tell(output, found, second)
+    warn_of(output, doubts(found))
+    confirm_file(output, quality(found, second), figures(found, second), as_json=as_json)
 
 
-def tell(output: Path, found: Correspondence, target: Surface) -> None:
-    """Print on standard error how good a correspondence is, and what makes it doubtful."""
-    length = found.residual * float(target.area) ** 0.5
+def quality(found: Correspondence, target: Surface) -> str:
+    """Return in words how good a correspondence is."""
     share = f"{found.residual:.2%} of the square root of the area"
-    warn(f"{output}: distances to near points change by {length:.4g} on average, {share}")
+    return f"distances to near points change by {_length(found, target):.4g} on average, {share}"
+
+
+def doubts(found: Correspondence) -> list[str]:
+    """Return what makes a correspondence doubtful."""
+    sentences = []
     if not found.oriented:
-        warn(f"{output}: warning: the orientation of the triangles does not decide between mirrored matches")
+        sentences.append("the orientation of the triangles does not decide between mirrored matches")
     if found.ambiguous:
-        warn(f"{output}: warning: a different match is nearly as good")
+        sentences.append("a different match is nearly as good")
+    return sentences
+
+
+def figures(found: Correspondence, target: Surface) -> Values:
+    """Return `quality` and `doubts` as JSON values."""
+    return {"residual": found.residual, "change": _length(found, target), "warnings": doubts(found)}
+
+
+def _length(found: Correspondence, target: Surface) -> float:
+    return found.residual * math.sqrt(target.area)

@@ -1,21 +1,19 @@
-"""Options that several commands share, and progress on a terminal."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Final, TypeVar, get_args
 
 import click
 from click.core import ParameterSource
 
+from unbend.cli.terminal import set_verbosity
 from unbend.mesh.policy import Components, MeshPolicy, Seams
-from unbend.names import printable
+from unbend.names import DEFAULT_LIBRARY
 
 F = TypeVar("F", bound=Callable[..., Any])
-T = TypeVar("T")
 
 AUTO = "auto"
 METHODS = ("least_squares", "classical", "fast")
@@ -24,17 +22,119 @@ SCALINGS = ("area", "box")
 FIRST_SAMPLES = ("end", "random")
 WEIGHTINGS = ("equal", "inverse", "inverse_squared", "area")
 CRITERIA = ("error", "stress")
+# Names of the registries of measures and classifiers, which import numpy; a test compares them.
+VECTOR_MEASURES = ("spectrum", "combined", "moments", "distribution", "dimension", "surface_moments")
+PAIR_MEASURES = ("rigid", "hausdorff", "max_hausdorff", "reeb")
+PART_MEASURES = ("partial", "partial_any_scale")
+CLASSIFIERS = ("nearest", "vote", "mean", "discriminants")
 
 Values = dict[str, Any]
 """The given options of a group, by field, as clients send and `from_dict` accepts them."""
 
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 mesh_path = click.Path(exists=True, dir_okay=False, path_type=Path)
-library_option = click.option(
-    "--library", metavar="URL", envvar="UNBEND_LIBRARY", help="Library: an SQLite file, or a database URL."
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document on standard output.")
+label_from_option = click.option(
+    "--label-from", type=click.Choice(["folder"]), help="Take the name of each file's folder as its class."
 )
-url_option = click.option("--url", metavar="HTTP", help="Address of a running service, instead of a library.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+
+_RANK: Final = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+"""Sources of --library and --url; the first in this list wins."""
+
+
+def _one_place(context: click.Context, option: click.Parameter, value: str | None) -> str | None:
+    """Keep only one of --library and --url: an option overrides the environment, which overrides the default."""
+    other = "url" if option.name == "library" else "library"
+    if value is None or context.params.get(other) is None:
+        return value
+    mine, others = (_rank(context, str(name)) for name in (option.name, other))
+    if mine == others:
+        names = "--library and --url" if mine == 0 else "the variables UNBEND_LIBRARY and UNBEND_URL"
+        hint = "" if mine == 0 else ": choose one by --library or --url"
+        raise click.UsageError(f"{names} exclude each other{hint}")
+    if mine > others:
+        return None
+    context.params[other] = None
+    return value
+
+
+def _rank(context: click.Context, name: str) -> int:
+    source = context.get_parameter_source(name)
+    return _RANK.index(source) if source in _RANK else len(_RANK)
+
+
+library_option = click.option(
+    "--library",
+    metavar="URL",
+    envvar="UNBEND_LIBRARY",
+    show_envvar=True,
+    default=DEFAULT_LIBRARY,
+    show_default=True,
+    callback=_one_place,
+    help="Library: an SQLite file, or a database URL.",
+)
+url_option = click.option(
+    "--url",
+    metavar="HTTP",
+    envvar="UNBEND_URL",
+    show_envvar=True,
+    callback=_one_place,
+    help="Address of a running service, instead of a library. UNBEND_API_KEY is its key.",
+)
+
+
+def place_options(command: F) -> F:
+    """Add --library and --url, of which the command receives one, and None for the other."""
+    return library_option(url_option(command))
+
+
+def measure_option(
+    names: Sequence[str], name: str = "measure", *, multiple: bool = False, description: str = ""
+) -> Callable[[F], F]:
+    """Return the option --measure with these choices; by default one of them, the first."""
+    if multiple:
+        return click.option("--measure", name, type=click.Choice(names), multiple=True, help=description)
+    return click.option(
+        "--measure",
+        name,
+        type=click.Choice(names),
+        default=names[0],
+        show_default=True,
+        help="Measure that compares the signatures.",
+    )
+
+
+classifier_option = click.option(
+    "--classifier",
+    type=click.Choice(CLASSIFIERS),
+    default=CLASSIFIERS[0],
+    show_default=True,
+    help="The rule that turns distances from shapes into distances from classes.",
+)
+
+
+def _choose(context: click.Context, option: click.Parameter, value: bool) -> None:
+    if value:
+        set_verbosity(context, "verbose" if option.name == "verbose" else "quiet")
+
+
+verbosity_options: Final = [
+    click.Option(
+        ["-v", "--verbose"],
+        is_flag=True,
+        expose_value=False,
+        callback=_choose,
+        help="Say what is being done and how long it takes; print the traceback of an error.",
+    ),
+    click.Option(
+        ["-q", "--quiet"],
+        is_flag=True,
+        expose_value=False,
+        callback=_choose,
+        help="Print only results and errors, no notes, warnings or progress.",
+    ),
+]
+"""Options of the program and of each command."""
 
 
 def output_option(description: str, *, required: bool = False) -> Callable[[F], F]:
@@ -135,23 +235,3 @@ policy_options = _group(
         },
     },
 )
-
-
-@contextmanager
-def progress(items: Iterable[T], label: str, length: int) -> Iterator[Iterable[T]]:
-    """Show a progress bar on standard error if it is a terminal."""
-    with click.progressbar(
-        items, length=length, label=label, file=sys.stderr, show_pos=True, hidden=not sys.stderr.isatty()
-    ) as bar:
-        yield bar
-
-
-def warn(message: str) -> None:
-    """Print a line on standard error."""
-    click.echo(printable(message), err=True)
-
-
-def warn_of(name: object, warnings: Iterable[str]) -> None:
-    """Print the `warnings` about a file on standard error."""
-    for sentence in warnings:
-        warn(f"{name}: warning: {sentence}")

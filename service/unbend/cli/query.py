@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Final
 
 import click
 
-from unbend.cli.computing import compute_file
-from unbend.cli.connect import connect
 from unbend.cli.options import (
+    PAIR_MEASURES,
+    PART_MEASURES,
+    VECTOR_MEASURES,
     Values,
+    classifier_option,
     json_option,
-    library_option,
+    measure_option,
     mesh_path,
     parameter_options,
+    place_options,
     policy_options,
-    url_option,
-    warn_of,
 )
-from unbend.names import DEFAULT_LIBRARY
+from unbend.cli.places import Place, first, open_place
+from unbend.cli.tables import table
+from unbend.cli.terminal import print_result, warn
+
+_CLASSES: Final = 5
+"""Classes that the table shows."""
+
+_LOOKED_AT: Final = 100
+"""Shapes that are looked at to say why none of them compares."""
 
 
 @click.command()
 @click.argument("mesh", type=mesh_path)
-@library_option
-@url_option
+@place_options
 @click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Number of shapes to print.")
-@click.option("--measure", help="Measure that compares the signatures.")
-@click.option("--classifier", help="The rule that turns distances from shapes into distances from classes.")
+@measure_option(VECTOR_MEASURES + PAIR_MEASURES + PART_MEASURES)
+@classifier_option
 @json_option
 @parameter_options
 @policy_options
 def query(
     mesh: Path,
-    library: str | None,
+    library: str,
     url: str | None,
     k: int,
-    measure: str | None,
-    classifier: str | None,
+    measure: str,
+    classifier: str,
     as_json: bool,
     parameters: Values,
     policy: Values,
@@ -47,29 +55,41 @@ def query(
 
     Only shapes whose signatures were computed with the same parameters are compared. Reading policies may differ.
     """
-    chosen = {"measure": measure, "classifier": classifier}
-    options = {"k": k} | {name: value for name, value in chosen.items() if value}
-    if url:
-        ranking = _over_http(url, mesh, parameters, policy, options)
-    else:
-        ranking = _in_library(library or DEFAULT_LIBRARY, mesh, parameters, policy, options)
-    click.echo(json.dumps(ranking) if as_json else _table(ranking))
-    if url:  # without a service, `compute_file` has printed the warnings
-        warn_of(mesh.name, ranking.get("warnings", ()))
+    options = {"k": k, "measure": measure, "classifier": classifier}
+    with open_place(library, url) as place:
+        ranking = place.rank(mesh, parameters, policy, options)
+        reason = "" if ranking["shapes"] else why_nothing_compares(place, parameters, measure)
+    if reason and as_json:
+        warn(f"unbend: {reason}")
+    print_result(ranking, reason or (lambda: _table(ranking)), as_json=as_json)
 
 
-def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:
-    with connect(url) as client:
-        return client.query(mesh, parameters=parameters, policy=policy, **options)
+def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
+    """Return the reason why no shape of `place` is compared with a signature of these parameters."""
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+    from unbend.signature.signature import ALGORITHM_VERSION  # noqa: PLC0415
+
+    shapes = first(place.shapes(), _LOOKED_AT)
+    if not shapes:
+        return "the library has no shapes"
+    wanted = Parameters.from_dict(parameters).as_dict()
+    if all(shape["parameters"] != wanted for shape in shapes):
+        names = [name for name in wanted if any(shape["parameters"].get(name) != wanted[name] for shape in shapes)]
+        stored = sorted({_options(names, shape["parameters"]) for shape in shapes})
+        return (
+            f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(stored)}. Ask with its "
+            "parameters, or import its shapes with these"
+        )
+    if all(shape["version"] != ALGORITHM_VERSION for shape in shapes):
+        return f"an earlier version of unbend computed the shapes: import them again, for version {ALGORITHM_VERSION}"
+    if measure in PART_MEASURES:
+        return "no shape has local signatures: compute them by `unbend complete`"
+    return f"none of the first {len(shapes)} shapes compares with this mesh"
 
 
-def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:
-    from unbend.library import Library  # noqa: PLC0415
-    from unbend.matching.partial import PART_MEASURES  # noqa: PLC0415
-
-    local = options.get("measure") in PART_MEASURES
-    with Library(url) as library:
-        return library.rank(compute_file(mesh, parameters, policy, local=local), **options).as_dict()
+def _options(names: list[str], parameters: Values) -> str:
+    """Return some of the parameters as options of the command line."""
+    return " ".join(f"--{name.replace('_', '-')} {parameters.get(name)}" for name in names)
 
 
 def _part(part: Values | None) -> str:
@@ -82,22 +102,28 @@ def _part(part: Values | None) -> str:
     }
     point = part["centre" if part["relation"] == "contains" else "place"]  # on the larger surface
     middle = " ".join(f"{coordinate:.4g}" for coordinate in point)
-    return "  " + words.get(part["relation"], "whole").format(part["covered"], middle)
+    return words.get(part["relation"], "whole").format(part["covered"], middle)
 
 
 def _table(ranking: Values) -> str:
-    if not ranking["shapes"]:
-        return "the library has no shapes to compare with"
-    lines = [f"{'class':<24}{'distance':>12}{'confidence':>12}"]
-    lines += [f"{row['label']:<24}{row['distance']:>12.4g}{row['confidence']:>12.2f}" for row in ranking["classes"][:5]]
-    if ranking["known"] is False:
-        lines.append(
-            "the mesh is farther from the best class than the members of that class are from each other: "
-            "it may belong to none of these classes"
-        )
-    lines += ["", f"{'shape':<24}{'distance':>12}  class"]
-    lines += [
-        f"{row['name']:<24}{row['distance']:>12.4g}  {row['label'] or '-'}{_part(row.get('part'))}"
-        for row in ranking["shapes"]
-    ]
-    return "\n".join(lines)
+    classes = table(
+        ["class", "distance", "confidence"],
+        [[row["label"], f"{row['distance']:.4g}", f"{row['confidence']:.2f}"] for row in ranking["classes"][:_CLASSES]],
+        numbers=("distance", "confidence"),
+    )
+    doubt = (
+        "\nthe mesh is farther from the best class than the members of that class are from each other: "
+        "it may belong to none of these classes"
+        if ranking["known"] is False
+        else ""
+    )
+    parts = [_part(row.get("part")) for row in ranking["shapes"]]
+    shapes = table(
+        ["shape", "distance", "class", *(["relation"] if any(parts) else [])],
+        [
+            [row["name"], f"{row['distance']:.4g}", row["label"], *([part] if any(parts) else [])]
+            for row, part in zip(ranking["shapes"], parts, strict=True)
+        ],
+        numbers=("distance",),
+    )
+    return f"{classes}{doubt}\n\n{shapes}"

@@ -26,8 +26,10 @@ _GARBAGE = 10_000  # net new objects before a garbage collection: a request crea
 
 
 @click.command()
-@click.option("--host", default="127.0.0.1", show_default=True)
-@click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address or name to listen at.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=8000, show_default=True, help="Port; 0 for any free one."
+)
 @library_option
 @click.option(
     "--workers", metavar="N", type=click.IntRange(1, 256), help="Worker processes; one for each core by default."
@@ -39,6 +41,7 @@ _GARBAGE = 10_000  # net new objects before a garbage collection: a request crea
     metavar="FILE",
     type=click.Path(path_type=Path),
     envvar="UNBEND_CONFIG",
+    show_envvar=True,
     help="Settings, in TOML.",
 )
 @click.pass_context

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, Final, get_args
 
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options, warn
+from unbend.cli.options import (
+    Values,
+    json_option,
+    mesh_path,
+    output_option,
+    parameter_options,
+    place_options,
+    policy_options,
+)
+from unbend.cli.places import open_place
+from unbend.cli.terminal import announce_compilation, confirm_file, print_result
+from unbend.names import printable
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    from unbend.mesh.surface import Surface
+    from unbend.render.request import PictureRequest
 
 SUBJECTS = ("surface", "signature", "both")
 THEMES = ("light", "dark", "transparent")
@@ -22,13 +40,32 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
     return int(width), int(height)
 
 
+_ID: Final = re.compile("[0-9a-f]{32}")
+
+
+class _MeshOrId(click.ParamType[Path | str]):
+    """A mesh file, or the id of a stored shape."""
+
+    name = "mesh"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
+        if isinstance(value, str) and _ID.fullmatch(value):
+            return value
+        return Path(mesh_path.convert(str(value), param, ctx))
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return mesh_path.shell_complete(ctx, param, incomplete)
+
+
 @click.command()
-@click.argument("mesh", type=mesh_path)
-@output_option("A png or webp file.", required=True)
+@click.argument("source", metavar="MESH|ID", type=_MeshOrId())
+@output_option("A png or webp file; needed to draw.")
+@place_options
+@json_option
 @click.option("--subject", type=click.Choice(SUBJECTS), default="surface", show_default=True, help="What to show.")
 @click.option("--size", metavar="WxH", default="512x512", show_default=True, callback=_size, help="In pixels.")
 @click.option("--theme", type=click.Choice(THEMES), default="light", show_default=True, help="Background and colours.")
-@click.option("--from", "source", metavar="VERTEX", type=int, help="Show geodesic distances from this vertex.")
+@click.option("--from", "start", metavar="VERTEX", type=int, help="Show geodesic distances from this vertex.")
 @click.option("--to", "target", metavar="VERTEX", type=int, help="With --from: show the shortest path to this vertex.")
 @click.option("--dimension", metavar="N", type=int, help="Show coordinate N of the signature, 4 to 6, by colours.")
 @click.option("--contours", is_flag=True, help="Draw contours of the distances, or of the coordinate.")
@@ -38,12 +75,15 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
 @parameter_options
 @policy_options
 def show(
-    mesh: Path,
-    output: Path,
+    source: Path | str,
+    output: Path | None,
+    library: str,
+    url: str | None,
+    as_json: bool,
     subject: str,
     size: tuple[int, int],
     theme: str,
-    source: int | None,
+    start: int | None,
     target: int | None,
     dimension: int | None,
     contours: bool,
@@ -53,18 +93,22 @@ def show(
     parameters: Values,
     policy: Values,
 ) -> None:
-    """Draw MESH, its signature, or both, as a picture.
+    """Draw MESH, its signature, or both, as a picture; or print or draw the stored shape ID.
 
     The parameters of the signature matter only if the signature is shown. With --dimension N, --dimensions is N by
-    default.
+    default. A stored shape is drawn with its own parameters and policy, unless options override them.
     """
     from unbend.errors import ParameterError, check_choice  # noqa: PLC0415
-    from unbend.render.picture import render_picture  # noqa: PLC0415
     from unbend.render.request import Format, PictureRequest  # noqa: PLC0415
-    from unbend.signature.canonical_form import canonical_form  # noqa: PLC0415
-    from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
-    if target is not None and source is None:
+    if output is None:
+        if isinstance(source, Path):
+            raise click.UsageError("drawing a mesh needs -o, the file of the picture")
+        with open_place(library, url) as place:
+            record = place.shape(source)
+        print_result(record, lambda: _lines(record), as_json=as_json)
+        return
+    if target is not None and start is None:
         raise ParameterError("--to goes with --from only: a path has two ends")
     file_type = output.suffix.lower().lstrip(".")
     check_choice("the output's format", file_type, get_args(Format))
@@ -78,17 +122,60 @@ def show(
             "azimuth": azimuth,
             "elevation": elevation,
             "up": up,
-            "distances_from": None if dimension is not None and target is not None else source,
+            "distances_from": None if dimension is not None and target is not None else start,
             "dimension": dimension,
             "contours": contours,
-            "path": None if source is None or target is None else (source, target),
+            "path": None if start is None or target is None else (start, target),
         }
     )
     if dimension is not None:
         parameters = {"dimensions": dimension} | parameters
+    if isinstance(source, Path):
+        surface = read_file(source, policy)
+    else:
+        with open_place(library, url) as place:
+            record = place.shape(source)
+            data = place.mesh(source)
+        parameters = record["parameters"] | parameters
+        surface = _read(data, record, policy)
+    stress = _draw(request, surface, parameters, output)
+    text = f"{size[0]} x {size[1]} pixels" + ("" if stress is None else f", stress {stress:.4g}")
+    confirm_file(output, text, {"width": size[0], "height": size[1], "stress": stress}, as_json=as_json)
+
+
+def _read(data: bytes, record: Values, policy: Values) -> Surface:
+    """Return the surface of a stored shape. Its record has the notes of reading it."""
+    from unbend.mesh.policy import MeshPolicy  # noqa: PLC0415
+    from unbend.mesh.read import read_mesh  # noqa: PLC0415
+
+    announce_compilation()
+    chosen = MeshPolicy.from_dict(record["policy"] | policy)
+    return read_mesh(data, file_type=record["report"]["file_type"], policy=chosen)
+
+
+def _draw(request: PictureRequest, surface: Surface, parameters: Values, output: Path) -> float | None:
+    """Write the picture; return the stress of the signature if it is shown."""
+    from unbend.render.picture import render_picture  # noqa: PLC0415
+    from unbend.signature.canonical_form import canonical_form  # noqa: PLC0415
+    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+
     chosen = Parameters.from_dict(parameters)
-    surface = read_file(mesh, policy)
     form = canonical_form(surface, chosen) if request.needs_form else None
     output.write_bytes(render_picture(request, surface, form))
-    stress = "" if form is None else f", stress {form.signature.stress:.4g}"
-    warn(f"{output}: {size[0]} x {size[1]} pixels{stress}")
+    return None if form is None else float(form.signature.stress)
+
+
+def _lines(record: Values) -> str:
+    """Return a record with a line for each field; the notes and warnings of reading the mesh come last."""
+    fields = {name: value for name, value in record.items() if name not in {"report", "warnings"}}
+    width = max(map(len, fields)) + 2
+    lines = [f"{name:<{width}}{_text(value)}" for name, value in fields.items()]
+    lines += [f"{'note':<{width}}{note}" for note in record["report"].get("notes", ())]
+    lines += [f"{'warning':<{width}}{warning}" for warning in record["warnings"]]
+    return "\n".join(lines)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name}={content}" for name, content in value.items()) or "-"
+    return "-" if value is None else printable(str(value))

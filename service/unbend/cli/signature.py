@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options, warn
+from unbend.cli.options import Values, mesh_path, output_option, parameter_options, policy_options
+from unbend.cli.terminal import stages, warn
 
 
 @click.command()
@@ -27,7 +28,8 @@ def signature(mesh: Path, output: Path | None, whole: bool, parameters: Values, 
     file_type = check_format(output.suffix.lower().lstrip(".") if output else "json")
     chosen = Parameters.from_dict(parameters)
     surface = read_file(mesh, policy)
-    found = compute_signature(surface, chosen)
+    with stages(mesh.name) as report:
+        found = compute_signature(surface, chosen, progress=report)
     if whole:
         form = canonical_form(surface, signature=found)
         data, points = export_form(form, file_type), form.points

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.match import samples_option, tell
-from unbend.cli.options import Values, mesh_path, output_option, policy_options
+from unbend.cli.match import doubts, figures, quality, samples_option
+from unbend.cli.options import Values, json_option, mesh_path, output_option, policy_options
+from unbend.cli.terminal import confirm_file, warn_of
 
 
 @click.command()
@@ -19,8 +20,9 @@ from unbend.cli.options import Values, mesh_path, output_option, policy_options
     required=True,
 )
 @samples_option
+@json_option
 @policy_options
-def symmetry(mesh: Path, output: Path, samples: int, policy: Values) -> None:
+def symmetry(mesh: Path, output: Path, samples: int, as_json: bool, policy: Values) -> None:
     """Find the intrinsic mirror image of MESH: for each vertex its counterpart, such as the other hand's thumb."""
     from unbend.correspondence.export import export_correspondence  # noqa: PLC0415
     from unbend.correspondence.symmetry import symmetry as find  # noqa: PLC0415
@@ -30,4 +32,5 @@ def symmetry(mesh: Path, output: Path, samples: int, policy: Values) -> None:
     surface = read_file(mesh, policy)
     found = find(surface, samples=samples)
     output.write_bytes(export_correspondence(found, surface, surface, file_type))
-    tell(output, found, surface)
+    warn_of(output, doubts(found))
+    confirm_file(output, quality(found, surface), figures(found, surface), as_json=as_json)

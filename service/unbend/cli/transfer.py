@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from unbend.cli.computing import read_file
-from unbend.cli.match import orientation_option, part_option, samples_option, tell
-from unbend.cli.options import Values, mesh_path, policy_options
+from unbend.cli.match import doubts, figures, orientation_option, part_option, quality, samples_option
+from unbend.cli.options import Values, json_option, mesh_path, policy_options
+from unbend.cli.terminal import confirm, warn, warn_of
+from unbend.names import printable
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 @orientation_option
 @part_option
 @samples_option
+@json_option
 @policy_options
 def transfer(
     specimen: Path,
@@ -43,6 +46,7 @@ def transfer(
     orientation: str,
     part: str,
     samples: int,
+    as_json: bool,
     policy: Values,
 ) -> None:
     """Carry VALUES from SPECIMEN, a marked mesh, to all TARGETS.
@@ -59,12 +63,17 @@ def transfer(
     source = read_file(specimen, policy)
     given = _at_surface(source, _read(values), landmarks)
     output.mkdir(parents=True, exist_ok=True)
+    results: list[Values] = []
     for target in targets:
         surface = read_file(target, policy)
         found = match(surface, source, samples=samples, orientation=cast("Any", orientation), part=cast("Any", part))
         path = output / f"{target.stem}.csv"
         path.write_text(_table(_carried(found, surface, given, landmarks)))
-        tell(path, found, source)
+        warn_of(path, doubts(found))
+        if not as_json:
+            warn(f"{path}: {quality(found, source)}")
+        results.append({"output": printable(str(path)), **figures(found, source)})
+    confirm({"results": results}, f"{printable(str(output))}: {len(results)} files", as_json=as_json)
 
 
 def _read(path: Path) -> NDArray[Any]:

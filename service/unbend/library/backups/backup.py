@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from unbend.errors import BackupError, ParameterError, StoreError, StoreVersionError
+from unbend.errors import BackupError, ExistsError, ParameterError, StoreError, StoreVersionError
 from unbend.library.backups.staging import KeyRows, KeysChangedError, check_keys, prepare
 from unbend.library.backups.verification import check_rows, check_schema, distrust
 from unbend.library.storage.database import create_schema, must_exist, revisions, sqlite_file
@@ -56,7 +56,7 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
     Raises
     ------
     ParameterError
-        If there is no such library, it is not an SQLite file, or the destination exists.
+        If there is no such library, or it is not an SQLite file; ExistsError if the destination exists.
     StoreError
         If it cannot be copied; BackupError if it is damaged.
     """
@@ -97,7 +97,7 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
     Raises
     ------
     ParameterError
-        If there is no such backup, the library exists already, or it is not an SQLite file.
+        If there is no such backup, or the library is not an SQLite file; ExistsError if it exists already.
     BackupError
         If the backup is damaged, or is not a library.
     StoreVersionError
@@ -112,7 +112,7 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
         if target.samefile(given):
             raise ParameterError(f"{given} is the library itself")
         if not overwrite:
-            raise ParameterError(f"{target} exists already, and would be replaced")
+            raise ExistsError(f"{target} exists already, and would be replaced")
     with _staged(target) as staged:
         _copy_rows(given, staged, check_backup(given).revision, page_size=_page_size(target))
         with closing(Store(url)) as store:
@@ -210,8 +210,10 @@ def _must_be_free(target: Path, source: Path, overwrite: bool) -> None:
     if target.exists():
         if target.samefile(source):
             raise ParameterError(f"{target} is the library itself")
-        if not overwrite or not target.is_file():
-            raise ParameterError(f"{target} exists already")
+        if not target.is_file():
+            raise ParameterError(f"{target} exists already, and is not a file")
+        if not overwrite:
+            raise ExistsError(f"{target} exists already, and would be replaced")
     for ending in _COMPANIONS:
         if Path(f"{target}{ending}").exists():  # SQLite would treat it as part of the new file
             raise ParameterError(f"{target}{ending} exists: the file is open as a library, or was not closed")

@@ -1,0 +1,25 @@
+"""`unbend label`."""
+
+from __future__ import annotations
+
+import click
+
+from unbend.cli.options import json_option, place_options
+from unbend.cli.places import open_place
+from unbend.cli.terminal import confirm
+
+
+@click.command()
+@click.argument("shape_id", metavar="ID")
+@click.argument("label", metavar="[CLASS]", required=False)
+@click.option("--none", "remove", is_flag=True, help="Remove the class of the shape.")
+@place_options
+@json_option
+def label(shape_id: str, label: str | None, remove: bool, library: str, url: str | None, as_json: bool) -> None:
+    """Set the class of the shape ID to CLASS, or remove it with --none."""
+    if (label is None) != remove:
+        raise click.UsageError("give either a CLASS or --none")
+    with open_place(library, url) as place:
+        shape = place.set_label(shape_id, label)
+    text = "has no class" if remove else f"has the class {shape['label']}"
+    confirm(shape, f"{shape['id']} ({shape['name']}) {text}", as_json=as_json)

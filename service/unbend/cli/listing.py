@@ -1,0 +1,27 @@
+"""`unbend list`."""
+
+from __future__ import annotations
+
+import click
+
+from unbend.cli.options import json_option, place_options
+from unbend.cli.places import first, open_place
+from unbend.cli.tables import table
+from unbend.cli.terminal import print_result
+
+
+@click.command("list")
+@click.option("--label", metavar="CLASS", help="Only the shapes of this class.")
+@click.option("--limit", metavar="N", type=click.IntRange(min=1), help="At most N shapes; all by default.")
+@place_options
+@json_option
+def list_shapes(label: str | None, limit: int | None, library: str, url: str | None, as_json: bool) -> None:
+    """List the shapes of a library, or of a running service, in the order of adding."""
+    with open_place(library, url) as place:
+        found = first(place.shapes(label), limit)
+    rows = [[shape["id"], shape["name"], shape["label"]] for shape in found]
+    print_result(
+        {"shapes": found},
+        lambda: table(["id", "name", "class"], rows) if rows else "there are no shapes",
+        as_json=as_json,
+    )

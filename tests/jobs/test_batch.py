@@ -19,7 +19,8 @@ def test_paths_have_a_signature_and_only_the_requested_picture(tmp_path, picture
     good.write_bytes(ply(torus(columns=12, rows=8)))
     bad.write_bytes(DAMAGED)
     parameters = Parameters(**SAMPLES)
-    failed, found = compute_paths([bad, good], parameters, picture=picture)
+    outcomes = dict(compute_paths([bad, good], parameters, picture=picture))
+    failed, found = outcomes[0], outcomes[1]
     assert isinstance(failed, UnbendError)
     surface = read_mesh(good)
     assert (found.signature.points == compute_signature(surface, parameters).points).all()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
+from unbend.cli.computing import Machine, machine_options
 from unbend.cli.options import (
     VECTOR_MEASURES,
     Values,
@@ -52,6 +53,7 @@ _METRICS: Final = ("nn", "ft", "st", "e", "dcg", "map")
     help="Add the separation of classes in each measure, and in 1 to 6 dimensions; computes each shape again.",
 )
 @click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots and pictures, as one HTML file.")
+@machine_options
 @parameter_options
 @policy_options
 @click.pass_context
@@ -69,6 +71,7 @@ def evaluate(
     per_class: bool,
     separated: bool,
     html: Path | None,
+    machine: Machine,
     parameters: Values,
     policy: Values,
 ) -> None:
@@ -87,10 +90,10 @@ def evaluate(
         with open_place(library, url) as place:
             results = {name: place.evaluation(name, parameters) for name in chosen}
     else:
-        from unbend.cli.folder_evaluation import evaluate_folder  # noqa: PLC0415
+        from unbend.cli.folder_evaluation import Folder, evaluate_folder  # noqa: PLC0415
 
         found = evaluate_folder(
-            folder, labels, gallery, chosen, separated=separated, html=html, parameters=parameters, policy=policy
+            Folder(folder, labels, gallery), chosen, machine, parameters, policy, separated=separated, html=html
         )
         results = {name: result.as_dict() for name, result in found.evaluations.items()}
         separations = found.separations
@@ -103,7 +106,7 @@ def evaluate(
     print_result(document, lambda: _text(results, columns, per_class, separations), as_json=as_json)
 
 
-_OF_FOLDERS: Final = ("labels", "label_from", "gallery", "separated", "html")
+_OF_FOLDERS: Final = ("labels", "label_from", "gallery", "separated", "html", "workers", "memory_mb")
 """Options that only folders have. The records of a library have the classes and the policies."""
 
 

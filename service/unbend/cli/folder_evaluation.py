@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unbend import __version__
-from unbend.cli.computing import Computed, compute_files, dimensions_of
-from unbend.cli.folder import LabelledFile, find_meshes, read_labels
+from unbend.cli.computing import Computed, Machine, compute_files, dimensions_of
+from unbend.cli.folder import LabelledFile, MeshFolder, read_labels, relative_name
 from unbend.cli.options import Values
 from unbend.cli.terminal import warn
 from unbend.errors import ParameterError
@@ -21,7 +21,6 @@ from unbend.matching.evaluate import Clusters, Evaluation, Separation, clusters,
 from unbend.matching.evaluate.report import Report, ShapePicture, render
 from unbend.matching.measures import VectorMeasure, get_vector_measure
 from unbend.mesh.policy import MeshPolicy
-from unbend.names import printable
 from unbend.render.request import PictureRequest
 from unbend.signature.dimensions import METHODS
 from unbend.signature.parameters import Parameters
@@ -29,6 +28,17 @@ from unbend.signature.signature import ALGORITHM_VERSION
 
 if TYPE_CHECKING:
     from unbend.arrays import Floats
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder of meshes and where their classes are."""
+
+    path: Path
+    labels: Path | None
+    """A table; None if the name of a file's folder is its class."""
+    gallery: Path | None
+    """The table of the shapes that the others are compared with; None if they are compared with each other."""
 
 
 @dataclass(frozen=True)
@@ -40,42 +50,46 @@ class FolderEvaluation:
 
 
 def evaluate_folder(
-    folder: Path,
-    labels: Path | None,
-    gallery: Path | None,
+    folder: Folder,
     measures: Sequence[str],
+    machine: Machine,
+    parameters: Values,
+    policy: Values,
     *,
     separated: bool,
     html: Path | None,
-    parameters: Values,
-    policy: Values,
 ) -> FolderEvaluation:
-    """Evaluate retrieval on the labelled shapes of `folder`, and write the report to `html`.
-
-    The classes are those of the table `labels`, or the names of the folders of the files.
-    """
+    """Evaluate retrieval on the labelled shapes of a folder, and write the report to `html`."""
     chosen = [get_vector_measure(name) for name in measures]
     if html and not html.parent.is_dir():
         raise ParameterError(f"{html}: there is no folder {html.parent}")
-    if labels:
-        queries = _with_class(read_labels(labels, folder), labels)
-    else:
-        queries = find_meshes(folder, label_from_folder=True)
-    others = _with_class(read_labels(gallery, folder), gallery) if gallery else []
-    computed = compute_files(queries + others, parameters, policy, _picture() if html else None)
+    queries = _table(folder.labels, folder) if folder.labels else _meshes(folder.path)
+    others = _table(folder.gallery, folder) if folder.gallery else []
+    computed = compute_files(queries + others, parameters, policy, machine, _picture() if html else None)
     found = computed[: len(queries)]
-    compared = computed[len(queries) :] if gallery else None
+    compared = computed[len(queries) :] if folder.gallery else None
     evaluations = {measure.name: _evaluation(measure, found, compared) for measure in chosen}
-    separations = _separations(chosen, found, parameters, policy) if separated else None
+    separations = _separations(chosen, found, parameters, policy, machine) if separated else None
     if html:
-        given = {"folder": folder, "labels": labels or "names of folders", "gallery": gallery}
+        given = {"folder": folder.path, "labels": folder.labels or "names of folders", "gallery": folder.gallery}
         maps = {measure.name: _map(measure, found) for measure in chosen}
-        page = _page(evaluations, maps, separations, (found, compared), folder, given | _settings(parameters, policy))
+        page = _page(
+            evaluations, maps, separations, (found, compared), folder.path, given | _settings(parameters, policy)
+        )
         html.write_text(page, encoding="utf-8", errors="backslashreplace")  # file names may not be UTF-8
     return FolderEvaluation(evaluations, separations)
 
 
-def _with_class(files: Sequence[LabelledFile], labels: Path) -> list[LabelledFile]:
+def _meshes(folder: Path) -> list[LabelledFile]:
+    source = MeshFolder(folder, None, True, [])
+    found = [item for item in source if isinstance(item, LabelledFile)]
+    if not found:
+        raise ParameterError(source.emptiness)
+    return found
+
+
+def _table(labels: Path, folder: Folder) -> list[LabelledFile]:
+    files = read_labels(labels, folder.path)
     found = [file for file in files if file.label is not None]
     if not found:
         raise ParameterError(f"{labels}: no row has a class")
@@ -111,7 +125,11 @@ def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
 
 
 def _separations(
-    measures: Sequence[VectorMeasure], computed: Sequence[Computed], parameters: Values, policy: Values
+    measures: Sequence[VectorMeasure],
+    computed: Sequence[Computed],
+    parameters: Values,
+    policy: Values,
+    machine: Machine,
 ) -> tuple[dict[str, Clusters], Separation]:
     """Return the separation of classes under each measure, and by the number of dimensions."""
     by_measure = {}
@@ -119,7 +137,7 @@ def _separations(
         vectors, labels = _vectors(measure, computed)
         by_measure[measure.name] = clusters(measure.matrix(np.stack(vectors)), labels)
     usable = [item.file for item in computed if item.signature]
-    found = dimensions_of(usable, parameters, policy)
+    found = dimensions_of(usable, parameters, policy, machine)
     labels = [str(file.label) for file in usable if file.path in found]
     stacked = {str(method): np.stack([of[method] for of in found.values()]) for method in METHODS} if found else {}
     return by_measure, separation(stacked, labels)
@@ -134,7 +152,7 @@ def _page(
     settings: Values,
 ) -> str:
     def names(some: Sequence[Computed]) -> list[str]:
-        return [_name(item.file, folder) for item in some if item.signature]
+        return [relative_name(item.file.path, folder) for item in some if item.signature]
 
     queries, gallery = computed
     shapes = [*queries, *(gallery or ())]
@@ -144,7 +162,7 @@ def _page(
         queries=names(queries),
         gallery=names(queries if gallery is None else gallery),
         left_out=gallery is None,
-        failures=[(_name(item.file, folder), item.error) for item in shapes if item.error],
+        failures=[(relative_name(item.file.path, folder), item.error) for item in shapes if item.error],
         settings=settings,
         version=__version__,
         date=datetime.now(UTC).date(),
@@ -152,7 +170,7 @@ def _page(
         clusters=separations[0] if separations else {},
         separation=separations[1] if separations else None,
         pictures=[
-            ShapePicture(_name(item.file, folder), str(item.file.label), item.picture)
+            ShapePicture(relative_name(item.file.path, folder), str(item.file.label), item.picture)
             for item in shapes
             if item.picture
         ],
@@ -169,8 +187,3 @@ def _settings(parameters: Values, policy: Values) -> Values:
     """Return every parameter, including defaults."""
     chosen = Parameters.from_dict(parameters).as_dict() | MeshPolicy.from_dict(policy).as_dict()
     return chosen | {"algorithm version": ALGORITHM_VERSION}
-
-
-def _name(file: LabelledFile, folder: Path) -> str:
-    """Return the path of a file as the CSV has it."""
-    return printable(str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path))

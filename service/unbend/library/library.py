@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
@@ -12,8 +11,8 @@ from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.jobs import Jobs
 from unbend.library.keys import Keys
-from unbend.library.packing import PackedSignature, pack_local
-from unbend.library.records import KnownShape, ShapeMatch, ShapePage, ShapeRecord
+from unbend.library.packing import pack_local
+from unbend.library.records import Received, ShapeMatch, ShapePage, ShapeRecord
 from unbend.library.requests import DEFAULT_K, IfKnown, QueryRequest, ShapeRequest, Upload
 from unbend.library.search import MapOptions, Ranking, Search, ShapeMap
 from unbend.library.search.overview import MAP_LIMIT, MapDistance
@@ -28,18 +27,10 @@ from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
 from unbend.mesh.sources import MeshSource, bytes_of
-from unbend.names import DEFAULT_LIBRARY, MAX_TEXT, printable
+from unbend.names import DEFAULT_LIBRARY, shape_name
 from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import Signature
-
-
-@dataclass(frozen=True)
-class Received(KnownShape):
-    """The result of `Library.receive`."""
-
-    is_new: bool = False
-    """Whether this call stored the shape."""
 
 
 class Library:
@@ -171,14 +162,12 @@ class Library:
         `given` contains the name, label and metadata; None means not given.
         """
         file = bytes_of(source)
-        request = ShapeRequest.of(printable(Path(file.name or "unnamed").stem)[:MAX_TEXT], given, if_known)
+        request = ShapeRequest.of(shape_name(file.name), given, if_known)
         upload = Upload(file.data, file.file_type, Parameters.of(parameters), MeshPolicy.of(policy))
         if known := self.shapes.find(upload.key):
             return Received(**vars(self.shapes.update_known(known, request)))
         found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
-        surface, packed = found.surface, PackedSignature.of(found.signature)
-        computed = ComputedShape(upload.key, packed, surface.area, surface.report.as_dict())
-        return Received(self.shapes.add(upload, computed, request), is_new=True)
+        return self.shapes.receive(ComputedShape.of(upload.key, found), request, lambda: upload.data).result()
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape; NotFoundError if there is none of this id."""

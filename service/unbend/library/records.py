@@ -62,6 +62,14 @@ class KnownShape:
 
 
 @dataclass(frozen=True)
+class Received(KnownShape):
+    """A stored shape, and whether it is new."""
+
+    is_new: bool = False
+    """Whether this call stored the shape."""
+
+
+@dataclass(frozen=True)
 class ShapePage:
     """A page of shapes in the order of adding, and the cursor of the next page."""
 

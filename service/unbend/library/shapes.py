@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Collection, Hashable, Mapping
+from concurrent.futures import Future
 from functools import partial
 from typing import Any, TypeVar, get_args
 
 from unbend.errors import ParameterError, check_choice
 from unbend.library import shape_rows
 from unbend.library.metadata import check_changes
-from unbend.library.records import KnownShape, ShapePage, ShapeRecord
-from unbend.library.requests import ShapeOrder, ShapeRequest, Upload, UploadKey
+from unbend.library.records import KnownShape, Received, ShapePage, ShapeRecord
+from unbend.library.requests import ShapeOrder, ShapeRequest, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.store import Store
 from unbend.signature.signature import Signature
@@ -107,17 +108,24 @@ class Shapes:
         """Store packed local signatures of a shape; do nothing if the shape was removed."""
         self._store.change(partial(shape_rows.put_local, shape_id=shape_id, payload=payload))
 
-    def add(self, upload: Upload, computed: ComputedShape, request: ShapeRequest) -> ShapeRecord:
-        """Store an upload and its results; return the new shape, or the stored shape with the same key."""
+    def receive(self, computed: ComputedShape, request: ShapeRequest, read: Callable[[], bytes]) -> Future[Received]:
+        """Store the results of a file unless a shape has its key already, which is then changed as `request` describes.
 
-        def add(connection: Any) -> ShapeRecord:
-            shape_rows.put_mesh(connection, upload.key.sha256, upload.data)
-            return shape_rows.add_shape(connection, computed, request)
+        `read` returns the file. It runs in the thread of the writer, so that few files are in memory.
+        """
 
-        return self._store.change(add)
+        def receive(connection: Any) -> Received:
+            if known := shape_rows.find_shape(connection, computed.key):
+                return Received(**vars(shape_rows.update_known(connection, known, request)))
+            shape_rows.put_mesh(connection, computed.key.sha256, read())
+            return Received(shape_rows.add_shape(connection, computed, request), is_new=True)
+
+        return self._store.submit(receive)
 
     def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> KnownShape:
         """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
+        if not shape_rows.find_differences(shape, request):
+            return KnownShape(shape)  # without waiting for the writer
         return self._store.change(partial(shape_rows.update_known, shape=shape, request=request))
 
     def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:

@@ -19,7 +19,7 @@ EXIT_UNEXPECTED: Final = 70  # EX_SOFTWARE of sysexits.h
 
 
 class CommandGroup(click.Group):
-    """A group of commands that prints errors as sentences, and tracebacks only with --verbose."""
+    """A group of commands that prints errors as sentences; only an unexpected error has a traceback, with --verbose."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
@@ -40,10 +40,6 @@ class CommandGroup(click.Group):
         except Exception as error:
             if isinstance(error, OSError) and error.errno == errno.EPIPE:
                 raise  # the reader of a pipe has read enough; click ends the program
-            if is_verbose():
-                import traceback  # noqa: PLC0415
-
-                traceback.print_exception(error)
             sys.exit(_told(error, self.get_command(ctx, ctx.invoked_subcommand or ""), ctx))
 
 
@@ -57,6 +53,10 @@ def _told(error: Exception, command: click.Command | None, context: click.Contex
     if isinstance(error, OSError):
         print_error(f"unbend: {error.filename or ''}: {error.strerror or error}")
         return EXIT_FAILED
+    if is_verbose():
+        import traceback  # noqa: PLC0415
+
+        print_error("".join(traceback.format_exception(error)).rstrip())
     print_error(f"unbend: unexpected error: {type(error).__name__}: {error}")
     if not is_verbose():
         print_error("        This is a bug in unbend. Run the command again with --verbose, and report what it prints.")

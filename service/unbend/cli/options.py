@@ -124,7 +124,7 @@ verbosity_options: Final = [
         is_flag=True,
         expose_value=False,
         callback=_choose,
-        help="Say what is being done and how long it takes; print the traceback of an error.",
+        help="Say what is being done and how long it takes; show where an unexpected error occurred.",
     ),
     click.Option(
         ["-q", "--quiet"],

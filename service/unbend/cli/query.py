@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
@@ -72,12 +73,13 @@ def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
     shapes = first(place.shapes(), _LOOKED_AT)
     if not shapes:
         return "the library has no shapes"
-    wanted = Parameters.from_dict(parameters).as_dict()
-    if all(shape["parameters"] != wanted for shape in shapes):
-        names = [name for name in wanted if any(shape["parameters"].get(name) != wanted[name] for shape in shapes)]
-        stored = sorted({_options(names, shape["parameters"]) for shape in shapes})
+    wanted = asdict(Parameters.from_dict(parameters))
+    stored = [asdict(Parameters.from_dict(shape["parameters"])) for shape in shapes]
+    if wanted not in stored:
+        names = [name for name in wanted if any(of[name] != wanted[name] for of in stored)]
+        choices = sorted({_options(names, of) for of in stored})
         return (
-            f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(stored)}. Ask with its "
+            f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(choices)}. Ask with its "
             "parameters, or import its shapes with these"
         )
     if all(shape["version"] != ALGORITHM_VERSION for shape in shapes):
@@ -89,7 +91,7 @@ def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
 
 def _options(names: list[str], parameters: Values) -> str:
     """Return some of the parameters as options of the command line."""
-    return " ".join(f"--{name.replace('_', '-')} {parameters.get(name)}" for name in names)
+    return " ".join(f"--{name.replace('_', '-')} {parameters[name]}" for name in names)
 
 
 def _part(part: Values | None) -> str:

@@ -51,7 +51,8 @@ def _told(error: Exception, command: click.Command | None, context: click.Contex
             print_error(f"        {advice}")
         return EXIT_IN_USE if isinstance(error, StoreInUseError) else EXIT_FAILED
     if isinstance(error, OSError):
-        print_error(f"unbend: {error.filename or ''}: {error.strerror or error}")
+        place = f"{error.filename}: " if error.filename else ""
+        print_error(f"unbend: {place}{error.strerror or error}")
         return EXIT_FAILED
     if is_verbose():
         import traceback  # noqa: PLC0415

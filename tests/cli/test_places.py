@@ -1,0 +1,245 @@
+"""Commands on a library and on a service: list, show, label, remove, jobs, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from tests.support.commands import failed_with_a_sentence, in_process, succeeded
+from tests.support.server import ENDLESS, SAMPLES, endless_mesh, ply, without_settings
+from unbend import Client, Library, Parameters, read_mesh
+from unbend.library.jobs import ANONYMOUS, QueueLimits
+from unbend.library.requests import ShapeRequest, Upload
+from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.shapes import torus
+from unbend.render.picture import render_picture
+from unbend.render.request import PictureRequest
+
+NAMES = ("first", "second", "third")
+
+
+@pytest.fixture(params=["library", "url"])
+def place(request, tmp_path, server) -> tuple[list[object], list[str]]:
+    """A library or a service: its options, and the ids of three shapes of the class "place", or "places"."""
+    meshes = [ply(torus(minor=0.61 + 0.01 * number, columns=10, rows=6)) for number in range(3)]
+    labels = ["place", "places", "place"]
+    path = tmp_path / "library.db"
+    if request.param == "library":
+        with Library(str(path)) as library:
+            shapes = [
+                library.add(mesh, name=name, label=label, parameters=SAMPLES).id
+                for mesh, name, label in zip(meshes, NAMES, labels, strict=True)
+            ]
+        return ["--library", path], shapes
+    with Client(server.url) as client:
+        ids = []
+        for mesh, name, label in zip(meshes, NAMES, labels, strict=True):  # one after the other, for their order
+            job = client.submit(mesh, name=name, label=label, parameters=SAMPLES, if_known="update")
+            ids.append(job.result(120)["id"])
+        return ["--url", server.url], ids
+
+
+def run_json(*arguments: object) -> dict:
+    return json.loads(succeeded(*arguments, "--json", run=in_process).stdout)
+
+
+def test_shapes_are_listed_by_class_with_their_whole_records(place, server):
+    where, ids = place
+    lines = succeeded("list", *where, "--label", "place", run=in_process).stdout.splitlines()
+    assert lines[0].split() == ["id", "name", "class"]
+    assert [line.split() for line in lines[1:]] == [[ids[0], "first", "place"], [ids[2], "third", "place"]]
+    (record,) = run_json("list", *where, "--label", "place", "--limit", 1)["shapes"]
+    assert (record["id"], record["name"], record["parameters"]) == (ids[0], "first", Parameters(samples=40).as_dict())
+    with Client(server.url) as client:
+        client.submit(ply(torus(columns=10, rows=6)), parameters=SAMPLES).result(120)
+        assert set(record) == set(next(client.shapes()))
+    assert record["created_at"].endswith("Z")
+    assert "no shapes" in succeeded("list", *where, "--label", "nobody", run=in_process).stdout
+
+
+def test_a_shape_is_printed_and_drawn_by_its_id(place, tmp_path):
+    where, ids = place
+    record = run_json("show", ids[1], *where)
+    assert (record["name"], record["label"]) == ("second", "places")
+    lines = succeeded("show", ids[1], *where, run=in_process).stdout.splitlines()
+    assert lines[0].split() == ["id", ids[1]]
+    assert any(line.split() == ["label", "places"] for line in lines)
+    picture = tmp_path / "x.png"
+    done = succeeded("show", ids[1], *where, "-o", picture, run=in_process)
+    assert (done.stdout, done.stderr) == ("", f"{picture}: 512 x 512 pixels\n")
+    mesh = ply(torus(minor=0.61 + 0.01, columns=10, rows=6))
+    assert picture.read_bytes() == render_picture(PictureRequest(), read_mesh(mesh))
+    failed_with_a_sentence(in_process("show", "0" * 32, *where), "0" * 32)
+    assert "`unbend list`" in in_process("show", "0" * 32, *where).stderr
+
+
+def test_a_signature_is_drawn_with_the_parameters_of_the_shape(place, tmp_path):
+    where, ids = place
+    figures = run_json("show", ids[0], *where, "-o", tmp_path / "x.png", "--subject", "both")
+    assert figures["stress"] == pytest.approx(run_json("show", ids[0], *where)["stress"], rel=1e-4)
+
+
+def test_a_class_is_set_and_removed(place):
+    where, ids = place
+    assert "has the class ring" in succeeded("label", ids[0], "ring", *where, run=in_process).stdout
+    assert run_json("show", ids[0], *where)["label"] == "ring"
+    assert run_json("label", ids[0], "--none", *where)["label"] is None
+    assert run_json("show", ids[0], *where)["label"] is None
+    for arguments in ([ids[0]], [ids[0], "ring", "--none"]):
+        failed_with_a_sentence(in_process("label", *arguments, *where), "either a CLASS or --none", status=2)
+    assert succeeded("-q", "label", ids[0], "place", *where, run=in_process).stdout == ""
+
+
+def test_shapes_are_removed_and_missing_ones_are_named(place):
+    where, ids = place
+    done = in_process("remove", ids[0], "0" * 32, ids[2], *where)
+    assert (done.returncode, done.stdout) == (3, "2 of 3 shapes removed\n")
+    assert done.stderr.count("\n") == 1
+    assert "0" * 32 in done.stderr
+    left = run_json("list", *where)["shapes"]
+    assert ids[1] in [shape["id"] for shape in left]
+    assert not {ids[0], ids[2]} & {shape["id"] for shape in left}
+    assert run_json("remove", ids[1], *where) == {"removed": [ids[1]]}
+
+
+def test_jobs_of_a_service_are_listed_and_cancelled(server):
+    with Client(server.url) as client:
+        job = client.submit(endless_mesh(), parameters=ENDLESS)
+        listed = run_json("jobs", "--url", server.url, "--limit", 1)["jobs"]
+        assert [item["id"] for item in listed] == [job.id]
+        (cancelled,) = run_json("jobs", "--url", server.url, "--cancel", job.id)["jobs"]
+        assert cancelled["state"] == "cancelled"
+        assert job.status()["state"] == "cancelled"
+    line = succeeded("jobs", "--url", server.url, "--limit", 1, "--state", "cancelled", run=in_process).stdout
+    assert line.splitlines()[1].split()[:3] == [job.id, "shape", "cancelled"]
+    missing = in_process("jobs", "--url", server.url, "--cancel", "0" * 32)
+    failed_with_a_sentence(missing, "0" * 32)
+    assert "`unbend jobs`" in missing.stderr
+
+
+def test_jobs_of_a_library_are_listed_and_cancelled(tmp_path, server):
+    path = tmp_path / "a.db"
+    with Library(str(path)) as library:
+        assert "no jobs" in succeeded("jobs", "--library", path, run=in_process).stdout
+        upload = Upload(ply(torus(columns=10, rows=6)), "ply", Parameters(), MeshPolicy())
+        request = ShapeRequest.of("ring", {}, "keep")
+        job = library.jobs.submit_shape(upload, request, ANONYMOUS, QueueLimits(queued=9)).result().job
+    (record,) = run_json("jobs", "--library", path)["jobs"]
+    assert (record["id"], record["state"], record["position"]) == (job.id, "queued", 0)
+    with Client(server.url) as client:
+        client.submit(ply(torus(columns=10, rows=6)), parameters=SAMPLES).wait(120)
+        listed = run_json("jobs", "--url", server.url)["jobs"]
+        assert not listed or set(record) == set(listed[0])
+    assert run_json("jobs", "--library", path, "--cancel", job.id)["jobs"][0]["state"] == "cancelled"
+    assert run_json("jobs", "--library", path, "--state", "queued")["jobs"] == []
+
+
+def test_a_library_and_a_service_exclude_each_other(tmp_path):
+    here, there = ["--library", tmp_path / "a.db"], ["--url", "http://127.0.0.1:9"]
+    commands = (["list"], ["remove", "0" * 32], ["import", tmp_path], ["evaluate"], ["jobs"])
+    for command in commands:
+        for both in (here + there, there + here):
+            failed_with_a_sentence(in_process(*command, *both), "--library and --url exclude", status=2)
+    both = {"UNBEND_LIBRARY": "a.db", "UNBEND_URL": "http://127.0.0.1:9"}
+    failed_with_a_sentence(in_process("list", **both), "UNBEND_LIBRARY and UNBEND_URL exclude", status=2)
+    failed_with_a_sentence(in_process("list", *here, **both), "no library at")  # the option wins
+    failed_with_a_sentence(in_process("list", *there, **both), "could not be reached")
+    failed_with_a_sentence(in_process("list", UNBEND_URL="http://127.0.0.1:9"), "could not be reached")
+    failed_with_a_sentence(in_process("list", *here, UNBEND_URL="http://127.0.0.1:9"), "no library at")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "list", "show {id}", "show {id} -o {new}/x.png", "label {id} cat", "remove {id}", "jobs", "jobs --cancel {id}",
+        "query {mesh}", "evaluate", "export {new}/out", "backup {new}/copy.db", "complete", "keys list",
+        "keys revoke {id}",
+    ],
+)  # fmt: skip
+def test_a_library_that_does_not_exist_is_not_made(tmp_path, command):
+    mesh = tmp_path / "ring.ply"
+    mesh.write_bytes(ply(torus(columns=10, rows=6)))
+    words = shlex.split(command.format(id="0" * 32, new=tmp_path, mesh=mesh))
+    done = in_process(*words, "--library", tmp_path / "nowhere.db")
+    failed_with_a_sentence(done, "there is no library at", "nowhere.db")
+    assert "`unbend import`" in done.stderr
+    assert list(tmp_path.iterdir()) == [mesh]
+
+
+def test_a_query_that_compares_with_nothing_says_why(place, tmp_path):
+    where, _ = place
+    mesh = tmp_path / "ring.ply"
+    mesh.write_bytes(ply(torus(columns=10, rows=6)))
+    asked = ["query", mesh, *where, "--samples", 23, "--seed", 5]
+    done = succeeded(*asked, run=in_process)
+    assert done.stdout.startswith("no shape compares with --samples 23")
+    assert "--samples 40" in done.stdout
+    done = succeeded(*asked, "--json", run=in_process)
+    assert json.loads(done.stdout)["shapes"] == []
+    assert "--samples 40" in done.stderr
+    with Library(str(tmp_path / "empty.db")):
+        pass
+    done = succeeded("query", mesh, "--library", tmp_path / "empty.db", run=in_process)
+    assert done.stdout == "the library has no shapes\n"
+
+
+def test_an_evaluation_reads_a_library_or_a_service(place, server):
+    where, _ = place
+    asked = ["evaluate", *where, "--samples", 40, "--measure", "moments"]
+    if "--url" in where:
+        with Client(server.url) as client:
+            expected = client.evaluation(measure="moments", parameters=SAMPLES)
+    else:
+        with Library(str(where[1])) as library:
+            expected = library.evaluation("moments", parameters=Parameters(samples=40)).as_dict()
+    found = run_json(*asked, "--per-class")["moments"]
+    assert {name: found[name] for name in expected} == expected
+    assert run_json(*asked)["moments"] == {name: found[name] for name in ("nn", "ft", "st", "e", "dcg", "map")}
+    lines = succeeded(*asked, run=in_process).stdout.splitlines()
+    assert lines[1].split()[:2] == ["moments", f"{found['nn']:.3f}"]
+
+
+def test_an_evaluation_takes_classes_from_folders(tmp_path):
+    rows = ["path,class"]
+    for number in range(4):
+        path = tmp_path / "in" / ("thin" if number < 2 else "thick") / f"{number}.ply"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(ply(torus(minor=0.1 + 0.01 * number + 0.2 * (number > 1), columns=10, rows=6)))
+        rows.append(f"{path.relative_to(tmp_path / 'in')},{path.parent.name}")
+    (tmp_path / "labels.csv").write_text("\n".join(rows))
+    asked = ["evaluate", tmp_path / "in", "--measure", "moments", "--samples", 20, "--per-class"]
+    by_folder = run_json(*asked, "--label-from", "folder")
+    by_table = run_json(*asked, "--labels", tmp_path / "labels.csv")
+    assert by_folder["moments"]["queries"] == 4
+    assert by_folder["moments"]["nn"] == by_table["moments"]["nn"]
+    assert {row["label"] for row in by_folder["moments"]["classes"]} == {"thin", "thick"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--label-from folder", "--label-from needs DIR"),
+        ("--html x.html", "--html needs DIR"),
+        ("--separation", "--separation needs DIR"),
+        ("--smooth 3", "--smooth needs DIR"),
+        ("{folder} --library a.db --label-from folder", "DIR and --library exclude"),
+        ("{folder}", "either --labels or --label-from"),
+    ],
+)
+def test_options_of_an_evaluation_that_do_not_go_together_are_refused(tmp_path, options, words):
+    failed_with_a_sentence(in_process("evaluate", *options.format(folder=tmp_path).split()), words, status=2)
+
+
+def test_a_reader_that_has_read_enough_ends_a_command_silently(tmp_path):
+    with Library(str(tmp_path / "a.db")):
+        pass
+    command = [sys.executable, "-m", "unbend", "list", "--library", str(tmp_path / "a.db")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=without_settings()) as process:
+        assert process.stdout
+        process.stdout.close()  # long before the command prints
+        assert process.stderr
+        assert process.stderr.read() == b""

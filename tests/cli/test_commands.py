@@ -5,8 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
-import pty
 import re
 import sqlite3
 import subprocess
@@ -19,8 +17,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.commands import failed_with_a_sentence, in_process, succeeded, unbend
-from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings, without_settings
+from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded, unbend
+from tests.support.server import DAMAGED, SAMPLES, Server, endless_mesh, ply, two_rings
 from unbend import Client, Library, MeshPolicy, Parameters, Surface, compare, compute_signature, read_mesh
 from unbend.matching.evaluate import evaluate
 from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure
@@ -696,12 +694,9 @@ def test_the_demo_is_written_with_a_file_of_labels(tmp_path):
 
 
 def test_progress_is_shown_on_a_terminal_but_not_on_standard_output(folder, tmp_path):
-    ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "unbend", "import", str(folder), "--library", str(tmp_path / "a.db")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, env=without_settings()) as process:
-        os.close(theirs)
-        assert process.stdout
-        assert process.stdout.read() == b"5 of 5 shapes imported: 5 new\n"
-    assert b"importing" in os.read(ours, 100_000)
-    os.close(ours)
-    assert process.returncode == 0
+    command = [sys.executable, "-m", "unbend", "import", folder, "--library", tmp_path / "a.db"]
+    with (tmp_path / "out").open("wb") as out:
+        status, shown = on_terminal(command, "stderr", stdout=out)
+    assert status == 0
+    assert (tmp_path / "out").read_bytes() == b"5 of 5 shapes imported: 5 new\n"
+    assert "importing" in shown

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
-import subprocess
 import sys
 import time
 
@@ -14,8 +11,8 @@ import numba
 import pytest
 from click.testing import CliRunner
 
-from tests.support.commands import failed_with_a_sentence, in_process, succeeded, unbend
-from tests.support.server import DAMAGED, SAMPLES, ply, without_settings
+from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded, unbend
+from tests.support.server import DAMAGED, SAMPLES, ply
 from unbend import Library
 from unbend.cli import options
 from unbend.cli.group import CommandGroup
@@ -211,29 +208,13 @@ def test_a_table_on_a_terminal_folds_long_names(mesh, tmp_path):
     name = "[bold]" + "n" * 150
     with Library(str(tmp_path / "a.db")) as library:
         library.add(mesh, name=name, parameters=SAMPLES)
-    command = [sys.executable, "-m", "unbend", "list", "--library", str(tmp_path / "a.db")]
-    ours, theirs = pty.openpty()
-    with subprocess.Popen(
-        command, stdout=theirs, stderr=subprocess.PIPE, env=without_settings(TERM="xterm")
-    ) as process:
-        os.close(theirs)
-        shown = b""
-        while piece := _read(ours):
-            shown += piece
-    os.close(ours)
-    assert process.returncode == 0
-    text = shown.decode()
+    command = [sys.executable, "-m", "unbend", "list", "--library", tmp_path / "a.db"]
+    status, text = on_terminal(command, "stdout")
+    assert status == 0
     assert "[bold]" in text
     assert text.count("n" * 20) >= 2  # folded into several lines
     assert max(len(line) for line in text.splitlines()) < 150
     assert text.count("n") >= 150
-
-
-def _read(file: int) -> bytes:
-    try:
-        return os.read(file, 100_000)
-    except OSError:  # Linux: the other end is closed
-        return b""
 
 
 @numba.njit

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import pty
 import subprocess
 import sys
 import traceback
+from collections.abc import Sequence
+from typing import Any
 
 from click.testing import CliRunner
 
@@ -29,6 +32,26 @@ def in_process(*arguments: object, **settings: str) -> subprocess.CompletedProce
         traceback.print_exception(*done.exc_info)
         return subprocess.CompletedProcess(arguments, 1, done.stdout, f"Traceback: {done.exception!r}")
     return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
+
+
+def on_terminal(command: Sequence[object], stream: str, **others: Any) -> tuple[int, str]:
+    """Run a process whose standard output or error is a terminal; return its exit status and what it showed there."""
+    ours, theirs = pty.openpty()
+    environment = without_settings(TERM="xterm")
+    with subprocess.Popen(list(map(str, command)), env=environment, **{stream: theirs}, **others) as process:
+        os.close(theirs)
+        shown = b""
+        while piece := _read(ours):  # a full terminal would block the process
+            shown += piece
+    os.close(ours)
+    return process.returncode, shown.decode()
+
+
+def _read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 100_000)
+    except OSError:  # Linux: the other end is closed
+        return b""
 
 
 def succeeded(*arguments: object, run=unbend, **settings: str) -> subprocess.CompletedProcess[str]:

@@ -185,7 +185,7 @@ def _bar(*columns: Any) -> Any:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress as Bar  # noqa: PLC0415
 
-    return Bar(*columns, console=Console(stderr=True), redirect_stdout=False, transient=True)
+    return Bar(*columns, console=Console(stderr=True), redirect_stdout=False, transient=True, refresh_per_second=4)
 
 
 class _StageWatch:

@@ -1,4 +1,4 @@
-"""Imports of folders and folders of signatures: all cores, interruptions, lost workers, and the account of every file."""
+"""Imports of folders, and signatures of folders: interruptions, lost workers, and the account of every file."""
 
 from __future__ import annotations
 

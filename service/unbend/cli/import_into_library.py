@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -41,7 +41,9 @@ class _Task:
     """An earlier file that is the same shape."""
 
 
-def import_into_library(url: str, files: Iterator[LabelledFile], count: int, options: ImportOptions) -> Iterator[Ended]:
+def import_into_library(
+    url: str, files: Iterator[LabelledFile], count: int, options: ImportOptions
+) -> Generator[Ended]:
     """Store the shapes of `count` files, and yield each file once it is on disk.
 
     Raises
@@ -87,10 +89,8 @@ class _Importer:
             # Otherwise files of the same content and different classes would change the shape in each import.
             if_known = "keep" if first else options.if_known
             request = ShapeRequest.of(shape_name(file.path.name), description_of(file), if_known)
-        except ParameterError as error:
+        except (ParameterError, MeshReadError) as error:
             return _Task(file.path), _failed(error)
-        except OSError as error:
-            return _Task(file.path), _failed(MeshReadError(f"the file cannot be read: {error.strerror}"))
         key = UploadKey.of(sha256, parameters, policy)
         task = _Task(file.path, key, request, first)
         if key not in self._running:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +19,7 @@ _AHEAD: Final = 64
 """Most uploads whose shapes are waited for, enough that no worker of the service is idle."""
 
 
-def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOptions) -> Iterator[Ended]:
+def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOptions) -> Generator[Ended]:
     """Upload files, and yield each once the service has stored its shape."""
     with connect(url) as client, FirstPaths() as firsts:
         waiting: deque[tuple[LabelledFile, Job]] = deque()

@@ -1,4 +1,4 @@
-"""What the files of an import are imported with."""
+"""Options of an import, and how they apply to each file."""
 
 from __future__ import annotations
 

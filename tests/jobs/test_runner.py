@@ -200,7 +200,7 @@ def test_equal_meshes_submitted_together_are_computed_once(shared, loop):
         ended = [await end(runner, answer.id) for answer in answers[1:]]
         (shape_id,) = {job.shape_id for job in ended}
         assert {job.state for job in ended} == {"succeeded"}
-        assert (await submit(runner, data)).shape.id == shape_id
+        assert (await submit(runner, data)).id == shape_id
         assert (await end(runner, other)).shape_id != shape_id
         return ended
 

@@ -18,9 +18,9 @@ ShapeOrder = Literal["oldest", "newest"]
 """The shape that a list begins with."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShapeRecord:
-    """A member of the library, without its arrays."""
+    """A member of the library, without its arrays. Records are equal if they have the same state of a shape."""
 
     id: str
     name: str
@@ -45,6 +45,17 @@ class ShapeRecord:
     seq: int
     """The shape's place in the order of adding."""
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ShapeRecord) and self.state == other.state
+
+    def __hash__(self) -> int:
+        return hash((self.id, self.revision))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """The fields of a record."""
+        return {name: getattr(self, name) for name in ShapeRecord.__dataclass_fields__}
+
     @property
     def file_type(self) -> str:
         """The format of the uploaded file."""
@@ -66,7 +77,7 @@ class ShapeRecord:
     def as_dict(self) -> dict[str, Any]:
         """Return the record as JSON values, in the form of the HTTP contract."""
         return {
-            **{name: getattr(self, name) for name in ShapeRecord.__dataclass_fields__},
+            **self.state,
             "parameters": self.parameters.as_dict(),
             "policy": self.policy.as_dict(),
             "created_at": self.created_at.isoformat(),
@@ -74,9 +85,9 @@ class ShapeRecord:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AddedShape(ShapeRecord):
-    """A shape as `add` returns it."""
+    """A shape as `add` returns it. It equals the record that `get` returns."""
 
     is_new: bool = True
     """Whether this call stored the shape. If not, the library had its file already."""
@@ -88,8 +99,7 @@ class AddedShape(ShapeRecord):
     @classmethod
     def of(cls, shape: ShapeRecord, *, is_new: bool, ignored: Sequence[str] = (), updated: Sequence[str] = ()) -> Self:
         """Return a stored shape with the outcome of adding it."""
-        values = {name: getattr(shape, name) for name in ShapeRecord.__dataclass_fields__}
-        return cls(**values, is_new=is_new, ignored=tuple(ignored), updated=tuple(updated))
+        return cls(**shape.state, is_new=is_new, ignored=tuple(ignored), updated=tuple(updated))
 
 
 @dataclass(frozen=True)

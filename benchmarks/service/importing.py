@@ -191,6 +191,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="?", type=int, default=100_000)
     count = parser.parse_args().files
+    # A shell lets commands in the background ignore SIGINT, and the imports would inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with TemporaryDirectory() as temporary:
         folder, library = Path(temporary) / "meshes", Path(temporary) / "library.db"
         folder.mkdir()

@@ -200,6 +200,8 @@ class Command:
     def __init__(self, folder: Path, library: Path, *options: object) -> None:
         self.report = library.with_suffix(".csv")
         self.report.unlink(missing_ok=True)
+        # A shell lets commands in the background ignore SIGINT, and the import would inherit that.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         command = [sys.executable, "-m", "unbend", "import", folder, "--library", library, *options]
         self.process = subprocess.Popen(
             [*map(str, command), "--report", str(self.report)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,

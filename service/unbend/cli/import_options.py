@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from unbend.cli.computing import Machine
 from unbend.cli.folder import LabelledFile
 from unbend.cli.options import Values
 from unbend.errors import MeshReadError
 
-IfKnown = Literal["update", "keep"]
-"""Whether a shape that is stored already takes the new name, label and metadata, or keeps its own."""
+if TYPE_CHECKING:
+    from unbend.results.shapes import IfKnown
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@ from unbend.jobs import JobLimits, JobRunner
 from unbend.jobs.observer import NoObserver
 from unbend.jobs.worker import StoredMesh, convert, geodesics_from
 from unbend.library.job_rows import JobFilter
-from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.records import JobRecord
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 from unbend.mesh.shapes import sphere, torus
+from unbend.results.shapes import ShapeRecord
 
 FEW = Parameters(samples=40)
 MANY = Parameters(samples=2000)
@@ -199,7 +200,7 @@ def test_equal_meshes_submitted_together_are_computed_once(shared, loop):
         ended = [await end(runner, answer.id) for answer in answers[1:]]
         (shape_id,) = {job.shape_id for job in ended}
         assert {job.state for job in ended} == {"succeeded"}
-        assert (await submit(runner, data)).shape.id == shape_id
+        assert (await submit(runner, data)).id == shape_id
         assert (await end(runner, other)).shape_id != shape_id
         return ended
 

@@ -55,8 +55,8 @@ def test_a_piece_finds_its_whole_and_what_it_is_to_it(library, part):
     ranking = library.rank(asked(part), measure="partial")
     assert ranking.measure == "partial"
     assert ranking.shapes[0].name == ranking.classes[0].label == "egg"
-    assert ranking.shapes[0].part["relation"] == "part"
-    assert ranking.shapes[0].part["covered"] == pytest.approx(0.45, abs=0.01)
+    assert ranking.shapes[0].part.relation == "part"
+    assert ranking.shapes[0].part.covered == pytest.approx(0.45, abs=0.01)
     assert ranking.classes[0].confidence > 0.9
     assert ranking.known is None  # no class has another member
     assert ranking.as_dict()["shapes"][0]["part"]["relation"] == "part"
@@ -66,8 +66,8 @@ def test_a_piece_finds_its_whole_and_what_it_is_to_it(library, part):
 def test_a_stored_piece_is_contained_in_a_query_and_does_not_find_itself(library, part):
     stored = library.add(ply(part), name="part", parameters=FEW)
     found = {match.name: match for match in library.rank(asked(EGG), measure="partial").shapes}
-    assert found["part"].part["relation"] == "contains"
-    assert found["egg"].part["relation"] == "whole"
+    assert found["part"].part.relation == "contains"
+    assert found["egg"].part.relation == "whole"
     names = [match.name for match in library.rank(stored.id, measure="partial").shapes]
     assert names[0] == "egg"
     assert "part" not in names
@@ -86,7 +86,7 @@ def test_under_the_default_an_open_query_of_closed_shapes_carries_a_warning_that
 def test_changes_removals_and_new_shapes_count_at_once(library, part):
     query = asked(part)
     egg = library.rank(query, measure="partial").shapes[0]
-    library.change(egg.id, {"label": "renamed"})
+    library.change(egg.id, label="renamed")
     assert library.rank(query, measure="partial").classes[0].label == "renamed"
     library.remove(egg.id)
     assert {match.name for match in library.rank(query, measure="partial").shapes} == {"ball", "ring"}

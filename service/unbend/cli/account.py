@@ -6,8 +6,8 @@ import csv
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -197,9 +197,12 @@ def meshes_of(source: MeshFolder | MeshPaths, account: Account) -> Iterator[Labe
     return (item for item in source if isinstance(item, LabelledFile))
 
 
-def account_for(ended: Iterable[Ended], account: Account, label: str) -> None:
-    """Add files to an account as they end, and show the progress."""
-    with progress(ended, label, account.meshes) as bar:
+def account_for(ended: Generator[Ended], account: Account, label: str) -> None:
+    """Add files to an account as they end, and show the progress.
+
+    The generator is closed at once if SIGINT comes, so that its processes end.
+    """
+    with closing(ended), progress(ended, label, account.meshes) as bar:
         for file in bar:
             account.add(file)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -17,11 +17,11 @@ from unbend.cli.import_options import ImportOptions, description_of
 from unbend.errors import MeshReadError, ParameterError, StoreError, UnbendError
 from unbend.jobs.batch import Batch, compute_upload
 from unbend.library import Library
-from unbend.library.records import KnownShape, Received, ShapeRecord
 from unbend.library.requests import ShapeRequest, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import shape_name
+from unbend.results.shapes import AddedShape, ShapeRecord
 from unbend.signature.parameters import Parameters
 
 T = TypeVar("T")
@@ -41,7 +41,9 @@ class _Task:
     """An earlier file that is the same shape."""
 
 
-def import_into_library(url: str, files: Iterator[LabelledFile], count: int, options: ImportOptions) -> Iterator[Ended]:
+def import_into_library(
+    url: str, files: Iterator[LabelledFile], count: int, options: ImportOptions
+) -> Generator[Ended]:
     """Store the shapes of `count` files, and yield each file once it is on disk.
 
     Raises
@@ -87,10 +89,8 @@ class _Importer:
             # Otherwise files of the same content and different classes would change the shape in each import.
             if_known = "keep" if first else options.if_known
             request = ShapeRequest.of(shape_name(file.path.name), description_of(file), if_known)
-        except ParameterError as error:
+        except (ParameterError, MeshReadError) as error:
             return _Task(file.path), _failed(error)
-        except OSError as error:
-            return _Task(file.path), _failed(MeshReadError(f"the file cannot be read: {error.strerror}"))
         key = UploadKey.of(sha256, parameters, policy)
         task = _Task(file.path, key, request, first)
         if key not in self._running:
@@ -100,16 +100,16 @@ class _Importer:
             self._running[key] = self._batch.submit(compute, file.path, parameters, policy)
         return task, self._running[key]
 
-    def store(self, task: _Task, future: Future[Found]) -> Future[KnownShape] | Future[Received]:
+    def store(self, task: _Task, future: Future[Found]) -> Future[AddedShape]:
         """Queue the storing of a task's results, or the change of its known shape."""
         if (error := future.exception()) or not task.request:
             return _failed(error)
         found = future.result()
         if isinstance(found, ShapeRecord):
             return _completed(self._library.shapes.update_known(found, task.request))
-        return self._library.shapes.receive(found, task.request, partial(_read, task.path, found.key.sha256))
+        return self._library.shapes.submit(found, task.request, partial(_read, task.path, found.key.sha256))
 
-    def end(self, task: _Task, stored: Future[KnownShape] | Future[Received]) -> Ended:
+    def end(self, task: _Task, stored: Future[AddedShape]) -> Ended:
         """Wait until a task is stored, and say what happened to its file."""
         try:
             return _ended(task, stored.result())
@@ -122,16 +122,15 @@ class _Importer:
                 self._running.pop(task.key, None)
 
 
-def _ended(task: _Task, stored: KnownShape) -> Ended:
-    shape = stored.shape
+def _ended(task: _Task, shape: AddedShape) -> Ended:
     ended = partial(
-        Ended, task.path, result=shape.id, taken=stored.updated, ignored=stored.ignored, warnings=shape.warnings
+        Ended, task.path, result=shape.id, taken=shape.updated, ignored=shape.ignored, warnings=shape.warnings
     )
-    if isinstance(stored, Received) and stored.is_new:
+    if shape.is_new:
         return ended("new")
     if task.first:
         return ended("merged", str(task.first))
-    return ended("changed" if stored.updated else "unchanged")
+    return ended("changed" if shape.updated else "unchanged")
 
 
 def _read(path: Path, sha256: str) -> bytes:

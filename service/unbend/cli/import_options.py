@@ -1,18 +1,19 @@
-"""What the files of an import are imported with."""
+"""Options of an import, and how they apply to each file."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from unbend.cli.computing import Machine
 from unbend.cli.folder import LabelledFile
 from unbend.cli.options import Values
+from unbend.errors import MeshReadError
 
-IfKnown = Literal["update", "keep"]
-"""Whether a shape that is stored already takes the new name, label and metadata, or keeps its own."""
+if TYPE_CHECKING:
+    from unbend.results.shapes import IfKnown
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,16 @@ class ImportOptions:
     def content_of(self, file: LabelledFile) -> tuple[str, bytes]:
         """Return the SHA-256 of a file, and a key that is equal for files that are one shape.
 
-        Raises OSError if the file cannot be read.
+        Raises
+        ------
+        MeshReadError
+            If the file cannot be read.
         """
-        with file.path.open("rb") as opened:
-            sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
+        try:
+            with file.path.open("rb") as opened:
+                sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
+        except OSError as error:
+            raise MeshReadError(f"the file cannot be read: {error.strerror}") from None
         content = json.dumps([sha256, self.parameters_of(file), self.policy_of(file)], sort_keys=True)
         return sha256, hashlib.sha256(content.encode()).digest()
 

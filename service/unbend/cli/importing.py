@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from unbend.cli.account import EXIT_SOME_FAILED, account_for, accounting, meshes_of, report_option
 from unbend.cli.computing import Machine, machine_options
 from unbend.cli.folder import MeshFolder
-from unbend.cli.import_options import IfKnown, ImportOptions
+from unbend.cli.import_options import ImportOptions
 from unbend.cli.options import (
     Values,
     folder_argument,
@@ -23,6 +23,9 @@ from unbend.cli.options import (
 )
 from unbend.cli.terminal import announce_compilation, warn
 from unbend.errors import ParameterError
+
+if TYPE_CHECKING:
+    from unbend.results.shapes import IfKnown
 
 LABELS: Final = "labels.csv"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def write_signatures(
     machine: Machine,
     parameters: Values,
     policy: Values,
-) -> Iterator[Ended]:
+) -> Generator[Ended]:
     """Write the signatures of `count` files below `root` to the same places below `output`, and yield each file.
 
     Raises

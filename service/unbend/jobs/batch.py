@@ -95,7 +95,7 @@ class Batch:
         try:
             return worker.run(compute, arguments)
         except OSError as error:
-            raise MeshReadError(f"{error.filename}: {error.strerror}") from error
+            raise MeshReadError(f"the file cannot be read: {error.strerror}") from error
         except Exception as error:
             raise typed_error(error) from error
         finally:

@@ -11,10 +11,10 @@ from typing import Any, TypeVar, get_args
 from unbend.errors import ParameterError, check_choice
 from unbend.library import shape_rows
 from unbend.library.metadata import check_changes
-from unbend.library.records import KnownShape, Received, ShapePage, ShapeRecord
-from unbend.library.requests import ShapeOrder, ShapeRequest, UploadKey
+from unbend.library.requests import ShapeRequest, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.store import Store
+from unbend.results.shapes import AddedShape, ShapeOrder, ShapePage, ShapeRecord
 from unbend.signature.signature import Signature
 
 T = TypeVar("T")
@@ -108,24 +108,25 @@ class Shapes:
         """Store packed local signatures of a shape; do nothing if the shape was removed."""
         self._store.change(partial(shape_rows.put_local, shape_id=shape_id, payload=payload))
 
-    def receive(self, computed: ComputedShape, request: ShapeRequest, read: Callable[[], bytes]) -> Future[Received]:
-        """Store the results of a file unless a shape has its key already, which is then changed as `request` describes.
+    def submit(self, computed: ComputedShape, request: ShapeRequest, read: Callable[[], bytes]) -> Future[AddedShape]:
+        """Queue the storing of a file and its results; the future has the shape once it is on disk.
 
-        `read` returns the file. It runs in the thread of the writer, so that few files are in memory.
+        If a shape with the file's key is stored already, this does as `update_known` does. `read` returns the file. It
+        runs in the thread of the writer, so that queued files need no memory.
         """
 
-        def receive(connection: Any) -> Received:
+        def add(connection: Any) -> AddedShape:
             if known := shape_rows.find_shape(connection, computed.key):
-                return Received(**vars(shape_rows.update_known(connection, known, request)))
+                return shape_rows.update_known(connection, known, request)
             shape_rows.put_mesh(connection, computed.key.sha256, read())
-            return Received(shape_rows.add_shape(connection, computed, request), is_new=True)
+            return AddedShape.of(shape_rows.add_shape(connection, computed, request), is_new=True)
 
-        return self._store.submit(receive)
+        return self._store.submit(add)
 
-    def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> KnownShape:
+    def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
         """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
         if not shape_rows.find_differences(shape, request):
-            return KnownShape(shape)  # without waiting for the writer
+            return AddedShape.of(shape, is_new=False)  # without waiting for the writer
         return self._store.change(partial(shape_rows.update_known, shape=shape, request=request))
 
     def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -59,13 +59,6 @@ class Comparison:
     """The same place on the shape, in the shape's coordinates."""
     places: Indices
     """The centre of the larger surface where each chosen circle of the smaller one is, (m,)."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what a ranking says about a shape, as JSON values."""
-        return {
-            "relation": self.relation, "covered": self.covered, "matched": self.matched, "residual": self.residual,
-            "scale": self.scale, "centre": list(self.centre), "place": list(self.place),
-        }  # fmt: skip
 
 
 def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0) -> Comparison:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, frozen
+from unbend.brief import brief, counted, noted
 from unbend.errors import MeshGeometryError
 from unbend.mesh.areas import triangle_areas
 from unbend.mesh.report import MeshReport
@@ -58,6 +59,12 @@ class Surface:
         if self.vertex_map is not None:
             object.__setattr__(self, "vertex_map", frozen(self.vertex_map, np.int64))
         self._check_coordinates()
+
+    def __repr__(self) -> str:
+        return brief(
+            self, counted(len(self.vertices), "vertex", "vertices"), counted(len(self.faces), "face"),
+            noted(len(self.report.warnings), "warning"),
+        )  # fmt: skip
 
     @cached_property
     def edges(self) -> Edges:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from unbend.arrays import Codes, Floats, Indices, Singles, frozen
+from unbend.brief import brief, counted, noted
 from unbend.errors import ParameterError, UnsuitedError
 from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
@@ -62,6 +63,13 @@ class Evaluation:
     """Row in the gallery of the nearest shape, (q,)."""
     nearest_distances: Floats
     """Distance to the nearest shape, (q,)."""
+
+    def __repr__(self) -> str:
+        means = "" if self.metrics is None else f"mean average precision {self.metrics.map:.3g}"
+        return brief(
+            self, counted(self.queries, "query", "queries"), counted(len(self.labels), "class", "classes"),
+            f"accuracy {self.accuracy:.3g}", means, noted(self.unanswered, "unanswered query", "unanswered queries"),
+        )  # fmt: skip
 
     @property
     def confusion(self) -> Indices:

@@ -1,0 +1,22 @@
+"""Packages that only an extra of unbend installs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from unbend.errors import ExtraMissingError
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Import the packages of an extra in the body; ExtraMissingError says which extra to install if one is missing.
+
+    An error within an installed package passes through: another installation would not mend it.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if "." in str(error.name):
+            raise
+        raise ExtraMissingError(f"{error.name} is not installed: pip install 'unbend[{name}]'") from error

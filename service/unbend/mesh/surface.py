@@ -15,6 +15,7 @@ from unbend.errors import MeshGeometryError
 from unbend.mesh.areas import triangle_areas
 from unbend.mesh.report import MeshReport
 from unbend.mesh.topology import Edges, find_edges
+from unbend.notebook.pictured import Pictured
 
 LARGEST_EXTENT: Final = 1e140
 """Largest extent of a surface; the smallest is its inverse.
@@ -24,7 +25,7 @@ Squared lengths, areas of thin faces and sums of areas then stay within the rang
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class Surface(Pictured):
     """A triangulated surface, not necessarily closed, connected, oriented or manifold.
 
     Parameters

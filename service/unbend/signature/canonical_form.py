@@ -18,6 +18,7 @@ from unbend.geodesics.interpolation import interpolate
 from unbend.geodesics.stencils import stencils_of
 from unbend.geodesics.voronoi import geodesic_voronoi
 from unbend.mesh.surface import Surface
+from unbend.notebook.pictured import Pictured
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
@@ -36,7 +37,7 @@ _REACH: Final = 2.0  # radius of interpolation in radii of the sampling, so that
 
 
 @dataclass(frozen=True, eq=False)
-class CanonicalForm:
+class CanonicalForm(Pictured):
     """A surface with canonical coordinates for every vertex."""
 
     points: Floats

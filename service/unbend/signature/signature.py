@@ -10,6 +10,7 @@ import numpy as np
 from unbend.arrays import Floats, Indices, Ints, frozen
 from unbend.brief import assigned, brief, changed, noted, spread
 from unbend.local.signatures import LocalSignatures
+from unbend.notebook.pictured import Pictured
 from unbend.signature.parameters import Parameters
 
 ALGORITHM_VERSION: Final = "5"
@@ -17,7 +18,7 @@ ALGORITHM_VERSION: Final = "5"
 
 
 @dataclass(frozen=True, eq=False)
-class Signature:
+class Signature(Pictured):
     """A bending-invariant signature: samples of a surface, placed so that distances approximate geodesic distances."""
 
     points: Floats

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 from unbend.errors import ExtraMissingError
 
@@ -17,6 +18,9 @@ def extra(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if "." in str(error.name):
+        package = str(error.name).partition(".")[0]
+        if find_spec(package) is not None:
             raise
-        raise ExtraMissingError(f"{error.name} is not installed: pip install 'unbend[{name}]'") from error
+        raise ExtraMissingError(
+            f"this needs the extra {name}, but {package} is not installed: pip install 'unbend[{name}]'"
+        ) from error

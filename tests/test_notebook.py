@@ -1,4 +1,4 @@
-"""What notebooks show: well-formed HTML with pictures, in which names are text only."""
+"""Notebooks show well-formed HTML with pictures, in which names are text only."""
 
 from __future__ import annotations
 

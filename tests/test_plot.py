@@ -97,6 +97,12 @@ def test_a_field_has_a_colour_for_each_face_and_a_bar():
     drawn(figure)
 
 
+def test_a_flat_surface_can_be_plotted():
+    surface = sheet(columns=4, rows=2)
+    drawn(plot.field(surface, surface.vertices[:, 0]))
+    drawn(plot.form(compute_signature(surface, FEW)))
+
+
 def test_faces_without_a_finite_value_are_grey():
     surface = Surface(np.vstack([np.eye(3), np.eye(3) + 5]), [[0, 1, 2], [3, 4, 5]])
     figure = plot.field(surface, geodesic_distances(surface, 0)[0])

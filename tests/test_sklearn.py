@@ -148,6 +148,12 @@ def test_a_memory_knows_a_mesh_by_its_content_and_its_parameters(tmp_path):
     assert (transformer.transform([path]) != first).any()
     path.write_bytes(ply(MESHES[0]))
     assert (transformer.transform([path]) == first).all()
+    renamed = path.rename(tmp_path / "renamed.ply")
+    kept = [*tmp_path.rglob("metadata.json")]
+    assert (transformer.transform([renamed]) == first).all()
+    assert [*tmp_path.rglob("metadata.json")] == kept
+    assert max(file.stat().st_size for file in kept) < 1000  # not the mesh itself
+    path = renamed
     other = clone(transformer).set_params(samples=30).transform([path])
     assert (other == SignatureTransformer(samples=30).transform([path])).all()
 

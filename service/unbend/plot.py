@@ -43,6 +43,9 @@ _UNLABELLED: Final = "#8c8c8c"
 _MARKERS: Final = "os^DvP"
 """The marks of `unbend.marks`, as matplotlib calls them."""
 
+_MARGIN: Final = 0.02
+"""Room around a surface, as a share of its extent."""
+
 _ROWS: Final = 18
 """Most classes in a column of a legend."""
 
@@ -162,7 +165,8 @@ def _add_solid(axes: Axes3D, points: Floats, faces: Ints, **style: Any) -> Poly3
     solid = Poly3DCollection(points[faces], **style)
     axes.add_collection3d(solid)
     used = points[faces.ravel()] if len(faces) else points
-    low, high = used.min(axis=0), used.max(axis=0)
+    margin = _MARGIN * float(np.ptp(used, axis=0).max()) or 1.0  # flat surfaces need room across, too
+    low, high = used.min(axis=0) - margin, used.max(axis=0) + margin
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_aspect("equal")
     return solid

@@ -20,7 +20,7 @@ from unbend.geodesics.distances import Update
 from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
 from unbend.mesh.policy import Components, MeshPolicy, Seams
 from unbend.mesh.shapes import tetrahedron
-from unbend.mesh.sources import MeshSource, bytes_of
+from unbend.mesh.sources import MeshBytes, MeshSource, bytes_of
 from unbend.signature.from_file import signature_of_file
 from unbend.signature.parameters import Dimensions, FirstSample, Parameters, Samples
 from unbend.signature.pipeline import compute_signature
@@ -224,7 +224,8 @@ def _vector(
 ) -> Singles:
     try:
         file = bytes_of(source)
-        descriptors, doubts = describe(file.data, file.file_type, parameters, policy, ALGORITHM_VERSION, threads)
+        content = MeshBytes(file.data, f"mesh.{file.file_type}")  # whatever its name
+        descriptors, doubts = describe(content, parameters, policy, ALGORITHM_VERSION, threads)
     except (MeshError, ParameterError) as error:
         raise type(error)(f"{_named(place, source)}: {error}") from error
     for doubt in doubts:
@@ -237,10 +238,13 @@ def _named(place: int, source: MeshSource) -> str:
 
 
 def _descriptors(
-    data: bytes, file_type: str, parameters: Parameters, policy: MeshPolicy, _version: str, threads: int
+    file: MeshBytes, parameters: Parameters, policy: MeshPolicy, _version: str, threads: int
 ) -> _Described:
-    """Return the descriptors of the signature of a file, and its warnings; a memory keeps them by these arguments."""
-    found = signature_of_file(data, parameters, policy, file_type=file_type, threads=threads).signature
+    """Return the descriptors of the signature of a file, and its warnings.
+
+    A memory keeps them by these arguments. It also stores the arguments' `repr`, which must be short for that.
+    """
+    found = signature_of_file(file.data, parameters, policy, file_type=file.file_type, threads=threads).signature
     return found.descriptors, found.warnings
 
 

@@ -1,1 +1,1 @@
-"""What notebooks show of values and results, as HTML without scripts or links: it works offline and in saved files."""
+"""Values and results as notebooks show them: HTML without scripts or links, which works offline and in saved files."""

@@ -7,7 +7,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench reliability openapi clean clean-kernels
+.PHONY: serve test lint types layers check bench reliability openapi client clean clean-kernels
 
 serve: .venv/run
 	@echo "Compiling the kernels: about a minute at the first start."
@@ -43,6 +43,10 @@ reliability: .venv/test
 
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json
+
+# The synchronous client is written from the asynchronous one.
+client: .venv/test
+	$(BIN)/python -m tests.support.twin
 
 # Numba caches compiled kernels. It does not notice changes in other modules that a kernel calls.
 clean-kernels:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 DEFAULT_LIBRARY: Final = "unbend.db"
@@ -9,6 +10,13 @@ DEFAULT_LIBRARY: Final = "unbend.db"
 
 MAX_TEXT: Final = 200
 """Longest name of a shape, a class or a key, in characters."""
+
+_SHAPE_ID: Final = re.compile(r"[0-9a-f]{32}")
+
+
+def is_shape_id(text: str) -> bool:
+    """Return whether a text has the form of a shape's id: 32 hexadecimal digits."""
+    return _SHAPE_ID.fullmatch(text) is not None
 
 
 def printable(name: str) -> str:

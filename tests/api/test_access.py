@@ -149,7 +149,7 @@ def test_the_client_sends_its_key_and_raises_errors_of_access(keyed, monkeypatch
         assert (caught.value.status, caught.value.advice) == (403, ScopeError.advice)
     monkeypatch.setenv("UNBEND_API_KEY", keyed.reader)
     with Client(keyed.server.url) as client:
-        client.classes()
+        client.labels()
     with Client(keyed.server.url, "unbend_x_y") as client, pytest.raises(KeyInvalidError, match="no key") as caught:
         client.submit(small_mesh(1))
     assert caught.value.status == 401

@@ -11,6 +11,7 @@ import pytest
 from tests.support.server import ended, ply, stored
 from unbend import AsyncClient, Client, Surface, match, read_mesh, transfer
 from unbend.mesh.shapes import ellipsoid
+from unbend.results import PointMap
 
 OWN = '{"samples": 20}'
 
@@ -58,14 +59,14 @@ def test_both_clients_return_the_points(server, ids):
     with Client(server.url) as client:
         points = client.match(*ids, samples=60)
     b = read_mesh(egg(0.4))
-    places = np.einsum("nc,nck->nk", points["barycentric"], b.vertices[points["corners"]])
+    places = np.einsum("nc,nck->nk", points.barycentric, b.vertices[points.corners])
     assert places == pytest.approx(transfer(match(read_mesh(egg(0.5)), b, samples=60), b.vertices))
 
-    async def ask() -> dict:
+    async def ask() -> PointMap:
         async with AsyncClient(server.url) as client:
             return await client.match(*ids, samples=60, orientation="reverse")
 
-    assert asyncio.run(ask())["corners"] != points["corners"]
+    assert not np.array_equal(asyncio.run(ask()).corners, points.corners)
 
 
 def test_a_piece_is_matched_to_its_whole(http, ids):

@@ -226,7 +226,7 @@ def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp
     assert "aaa.off: " in done.stderr
     assert "bbb.ply: " in done.stderr
     with Client(small_server.url) as client:
-        classes = client.classes()
+        classes = client.labels()
         assert (classes["sheets"], classes["rings"]) == (3, 2)
 
 

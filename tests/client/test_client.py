@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
+import dataclasses
 import json
 import os
 import socket
@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from tests.support.clients import make_client
 from tests.support.server import (
     DAMAGED,
     ENDLESS,
@@ -40,49 +41,9 @@ from unbend.errors import (
     ParameterError,
     ServiceError,
 )
+from unbend.results import JobFailure, JobStatus
 
 PATIENCE = 120.0
-
-
-class Blocking:
-    """A wrapper that runs the calls of an async client or job to their end, so that one test covers both clients."""
-
-    def __init__(self, target: object, run) -> None:
-        self._target = target
-        self._run = run
-
-    def __getattr__(self, name: str):
-        value = getattr(self._target, name)
-        if not callable(value):
-            return value
-
-        def call(*arguments, **options):
-            answer = value(*arguments, **options)
-            if inspect.isasyncgen(answer):
-                return self._run(listed(answer))
-            answer = self._run(answer)
-            return Blocking(answer, self._run) if hasattr(answer, "wait") else answer
-
-        return call
-
-
-async def listed(items) -> list:
-    return [item async for item in items]
-
-
-def make_client(kind: str, url: str):
-    """Return a client of either kind, and a function that closes the client."""
-    if kind == "sync":
-        client = Client(url)
-        return client, client.close
-    loop = asyncio.Runner()
-    client = AsyncClient(url)
-
-    def close() -> None:
-        loop.run(client.close())
-        loop.close()
-
-    return Blocking(client, loop.run), close
 
 
 @pytest.fixture(params=["sync", "async"])
@@ -108,33 +69,33 @@ def test_a_submitted_mesh_becomes_a_shape(client, mesh, tmp_path):
     path = tmp_path / "my ring.ply"
     path.write_bytes(mesh(0))
     job = client.submit(path, label="torus", metadata={"n": 1}, parameters=SAMPLES)
-    assert job.status()["state"] in {"queued", "running", "succeeded"}
+    assert job.status().state in {"queued", "running", "succeeded"}
     ended = job.wait(PATIENCE)
-    assert (ended["id"], ended["state"]) == (job.id, "succeeded")
+    assert (ended.id, ended.state) == (job.id, "succeeded")
     assert job.status() == ended
     shape = job.result()
-    assert (shape["name"], shape["label"], shape["metadata"]) == ("my ring", "torus", {"n": 1})
-    assert client.shape(shape["id"]) == shape
+    assert (shape.name, shape.label, shape.metadata) == ("my ring", "torus", {"n": 1})
+    assert vars(client.get(shape.id)).items() <= vars(shape).items()
     expected = compute_signature(read_mesh(mesh(0)), Parameters(**SAMPLES))
-    assert client.signature(shape["id"])["points"] == expected.points.tolist()
+    assert client.signature(shape.id).points.tolist() == expected.points.tolist()
     assert client.job(job.id).result(PATIENCE) == shape
 
 
 def test_a_stored_mesh_is_returned_at_once(client, mesh):
     shape = client.submit(mesh(1), name="first", parameters=SAMPLES).result(PATIENCE)
     again = client.submit(mesh(1), name="second", parameters=SAMPLES)
-    assert again.status()["state"] == "succeeded"
-    assert again.wait(0)["shape_id"] == shape["id"]
-    assert again.result(0) == shape | {"ignored": ["name"], "updated": []}
+    assert again.status().state == "succeeded"
+    assert again.wait(0).shape_id == shape.id
+    assert again.result(0) == dataclasses.replace(shape, is_new=False, ignored=("name",))
     renamed = client.submit(mesh(1), name="second", parameters=SAMPLES, if_known="update").result(0)
-    assert (renamed["name"], renamed["updated"], renamed["id"]) == ("second", ["name"], shape["id"])
+    assert (renamed.name, renamed.updated, renamed.id) == ("second", ("name",), shape.id)
 
 
 def test_cancelling_the_upload_of_a_stored_mesh_changes_nothing(client, mesh):
     shape = client.submit(mesh(1), parameters=SAMPLES).result(PATIENCE)
     again = client.submit(mesh(1), parameters=SAMPLES)
-    assert again.cancel()["state"] == "succeeded"
-    assert again.result()["id"] == shape["id"]
+    assert again.cancel().state == "succeeded"
+    assert again.result().id == shape.id
 
 
 def test_a_failed_job_raises_the_same_error_as_reading_the_mesh(client):
@@ -143,7 +104,7 @@ def test_a_failed_job_raises_the_same_error_as_reading_the_mesh(client):
     with pytest.raises(MeshGeometryError):
         client.submit(b"OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n").result(PATIENCE)
     with pytest.raises(MeshReadError, match="ends early"):
-        client.query(DAMAGED, timeout=PATIENCE)
+        client.rank(DAMAGED, timeout=PATIENCE)
 
 
 def test_waiting_raises_a_timeout_and_a_cancelled_job_raises_its_error(client, kind):
@@ -154,10 +115,10 @@ def test_waiting_raises_a_timeout_and_a_cancelled_job_raises_its_error(client, k
                 job.wait(patience)
         with pytest.raises(TimeoutError):
             job.result(0.1)
-        assert job.status()["state"] in {"queued", "running"}
+        assert job.status().state in {"queued", "running"}
     finally:
         cancelled = job.cancel()
-    assert cancelled["state"] == "cancelled"
+    assert cancelled.state == "cancelled"
     assert job.status() == cancelled
     with pytest.raises(JobCancelledError):
         job.result()
@@ -171,33 +132,35 @@ def test_a_refused_request_raises_the_error_of_the_library_with_the_problem(clie
         client.submit(b"no mesh")
     assert (caught.value.status, caught.value.advice) == (415, MeshFormatError.advice)
     with pytest.raises(ParameterError, match="k") as caught:
-        client.query(small_mesh(0), k=0)
+        client.rank(small_mesh(0), k=0)
     assert caught.value.problem["code"] == "request_invalid"
 
 
 def test_an_unknown_id_raises_not_found(client):
     nobody = uuid.uuid4().hex
-    for call in (client.shape, client.job, client.remove, client.signature, client.query_shape, client.change):
+    for call in (client.get, client.job, client.remove, client.signature, client.mesh, client.rank, client.change):
         with pytest.raises(NotFoundError, match=nobody):
             call(nobody)
 
 
 def test_a_shape_can_be_changed_and_removed(client, mesh):
     shape = client.submit(mesh(2), parameters=SAMPLES).result(PATIENCE)
-    changed = client.change(shape["id"], name="x", label=None)
-    assert changed == shape | {"name": "x", "label": None, "updated_at": changed["updated_at"]}
-    client.remove(shape["id"])
+    changed = client.change(shape.id, name="x", label=None)
+    assert (changed.name, changed.label, changed.id) == ("x", None, shape.id)
+    assert changed.updated_at > shape.updated_at
+    assert changed.revision > shape.revision
+    client.remove(shape.id)
     with pytest.raises(NotFoundError):
-        client.shape(shape["id"])
+        client.get(shape.id)
 
 
 def test_queries_rank_shapes_with_the_same_parameters(client, mesh, kind):
     own = {"samples": {"sync": 33, "async": 34}[kind]}
-    ids = [client.submit(mesh(number), label="ring", parameters=own).result(PATIENCE)["id"] for number in (3, 5)]
-    ranking = client.query(mesh(3), k=1, measure="moments", parameters=own)
-    assert (ranking["measure"], ranking["classes"][0]["label"]) == ("moments", "ring")
-    assert [(match["id"], match["distance"]) for match in ranking["shapes"]] == [(ids[0], 0.0)]
-    assert [match["id"] for match in client.query_shape(ids[0])["shapes"]] == [ids[1]]
+    ids = [client.submit(mesh(number), label="ring", parameters=own).result(PATIENCE).id for number in (3, 5)]
+    ranking = client.rank(mesh(3), k=1, measure="moments", parameters=own)
+    assert (ranking.measure, ranking.classes[0].label) == ("moments", "ring")
+    assert [(match.id, match.distance) for match in ranking.shapes] == [(ids[0], 0.0)]
+    assert [match.id for match in client.nearest(ids[0])] == [ids[1]]
 
 
 def test_a_mesh_is_read_by_its_policy(client, kind):
@@ -205,10 +168,10 @@ def test_a_mesh_is_read_by_its_policy(client, kind):
     data = ply(two_rings({"sync": 0, "async": 1}[kind]))
     bridge = {"components": "bridge", "max_vertices": 70, "smooth": 2, "seams": "keep"}
     shape = client.submit(data, parameters=own, policy=bridge).result(PATIENCE)
-    assert shape["policy"] == bridge
-    assert (shape["report"]["links"], shape["report"]["components"]) == (1, 2)
-    assert client.query(data, parameters=own, policy=bridge)["shapes"][0]["distance"] == 0.0
-    assert client.query(data, parameters=own)["shapes"][0]["distance"] > 0.0
+    assert shape.policy.as_dict() == bridge
+    assert (shape.report["links"], shape.report["components"]) == (1, 2)
+    assert client.rank(data, parameters=own, policy=bridge).shapes[0].distance == 0.0
+    assert client.rank(data, parameters=own).shapes[0].distance > 0.0
     with pytest.raises(MeshGeometryError, match="2 components"):
         client.submit(data, policy={"components": "error"}).result(PATIENCE)
     for call in (client.submit, client.query):
@@ -219,19 +182,19 @@ def test_a_mesh_is_read_by_its_policy(client, kind):
 
 def test_shapes_of_a_label_are_listed_in_order(client, mesh, server, kind):
     label = uuid.uuid4().hex
-    ids = [client.submit(mesh(number), label=label, parameters=SAMPLES).result(PATIENCE)["id"] for number in (6, 7, 8)]
-    assert [shape["id"] for shape in client.shapes(label=label)] == ids
-    assert client.classes()[label] == 3
-    everything = [shape["id"] for shape in client.shapes()]
+    ids = [client.submit(mesh(number), label=label, parameters=SAMPLES).result(PATIENCE).id for number in (6, 7, 8)]
+    assert [shape.id for shape in client.iter_shapes(label=label)] == ids
+    assert client.labels()[label] == 3
+    everything = [shape.id for shape in client.iter_shapes()]
     assert set(ids) <= set(everything)
     assert len(everything) == len(set(everything))
-    assert list(client.shapes(label="nobody's")) == []
+    assert list(client.iter_shapes(label="nobody's")) == []
 
 
 def test_an_unreachable_service_raises_a_service_error(kind):
     made, close = make_client(kind, "http://127.0.0.1:9")
     with pytest.raises(ServiceError, match=r"the service at http://127\.0\.0\.1:9 could not be reached") as caught:
-        made.classes()
+        made.labels()
     assert caught.value.status is None
     close()
 
@@ -242,15 +205,15 @@ def test_the_address_comes_from_the_environment(server, monkeypatch):
         Client()
     monkeypatch.setenv("UNBEND_URL", server.url)
     with Client() as made:
-        assert isinstance(made.classes(), dict)
+        assert isinstance(made.labels(), dict)
 
 
 def test_a_mesh_in_memory_is_uploaded(client, mesh, kind):
     surface = read_mesh(mesh(13))
     shape = client.submit(surface, parameters=Parameters(**SAMPLES)).result(PATIENCE)
     expected = compute_signature(surface, SAMPLES)
-    assert client.signature(shape["id"])["points"] == expected.points.tolist()
-    assert client.query((surface.vertices, surface.faces), parameters=SAMPLES)["shapes"][0]["distance"] == 0.0
+    assert client.signature(shape.id).points.tolist() == expected.points.tolist()
+    assert client.rank((surface.vertices, surface.faces), parameters=SAMPLES).shapes[0].distance == 0.0
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:8000", "ftp://127.0.0.1", "http://host:port", ""])
@@ -258,7 +221,7 @@ def test_an_invalid_url_raises_a_service_error(kind, address):
     def call() -> None:
         made, close = make_client(kind, address)
         try:
-            made.classes()
+            made.labels()
         finally:
             close()
 
@@ -268,15 +231,15 @@ def test_an_invalid_url_raises_a_service_error(kind, address):
 
 def test_a_client_is_closed_at_the_end_of_its_context(server):
     with Client(server.url) as client:
-        client.classes()
+        client.labels()
     with pytest.raises(RuntimeError, match="closed"):
-        client.classes()
+        client.labels()
 
     async def story() -> None:
         async with AsyncClient(server.url) as client:
-            await client.classes()
+            await client.labels()
         with pytest.raises(RuntimeError, match="closed"):
-            await client.classes()
+            await client.labels()
 
     asyncio.run(story())
 
@@ -286,8 +249,8 @@ def test_shapes_beyond_one_page_are_all_yielded_in_order(client, server):
     with Library(str(server.library)) as library:  # adding shapes directly is faster than over HTTP
         for number in range(120):
             record = library.add(small_mesh(number), parameters=Parameters(samples=4))
-            library.change(record.id, {"label": label, "name": str(number)})
-    assert [shape["name"] for shape in client.shapes(label=label)] == [str(number) for number in range(120)]
+            library.change(record.id, label=label, name=str(number))
+    assert [shape.name for shape in client.iter_shapes(label=label)] == [str(number) for number in range(120)]
 
 
 def test_an_upload_waits_while_the_queue_is_full(small_server, kind):
@@ -313,12 +276,12 @@ def test_an_upload_waits_while_the_queue_is_full(small_server, kind):
         finally:
             cancel_all()
             close()
-    assert shape["name"] == "patient"
+    assert shape.name == "patient"
 
 
 def until_running(job) -> None:
     end = time.monotonic() + 60
-    while job.status()["state"] == "queued":
+    while job.status().state == "queued":
         assert time.monotonic() < end
         time.sleep(0.02)
 
@@ -326,13 +289,20 @@ def until_running(job) -> None:
 def test_the_events_of_a_job_end_with_its_result(client, mesh, kind):
     job = client.submit(mesh(12), parameters=SAMPLES)
     reported = list(job.events())
-    assert reported[-1]["state"] == "succeeded"
+    assert reported[-1].state == "succeeded"
     assert job.status() == reported[-1]
     assert list(job.events()) == [reported[-1]]
     again = client.job(job.id)
     assert list(again.events()) == [reported[-1]]
     stored = client.submit(mesh(12), parameters=SAMPLES)
-    assert [record["shape_id"] for record in stored.events()] == [reported[-1]["shape_id"]]
+    (whole,) = stored.events()
+    assert (whole.shape_id, whole.state, whole.progress, whole.kind) == (
+        reported[-1].shape_id,
+        "succeeded",
+        1.0,
+        "shape",
+    )
+    assert whole.finished_at is not None
     with pytest.raises(NotFoundError, match="nobody"):
         list(client.job_events("nobody"))
 
@@ -390,8 +360,8 @@ def test_a_broken_event_stream_is_resumed_without_repeated_events(server, kind):
         made, close = make_client(kind, relay.url)
         reported = list(made.submit(medium_mesh(), parameters={"samples": {"sync": 302, "async": 303}[kind]}).events())
         close()
-    assert reported[-1]["state"] == "succeeded"
-    places = [(job["state"], job["stage"], job["progress"]) for job in reported]
+    assert reported[-1].state == "succeeded"
+    places = [(job.state, job.stage, job.progress) for job in reported]
     assert len(set(places)) == len(places)
     assert len(relay.heads) > 1
     assert b"last-event-id" not in relay.heads[0].lower()
@@ -409,23 +379,23 @@ def test_seams_are_stitched_and_a_dropped_component_is_a_warning(client, kind, t
     cube = Path(__file__).parents[1] / "mesh" / "cases" / "ply_flat_cube_24.ply"
     own = {"samples": {"sync": 6, "async": 7}[kind]}
     shape = client.submit(cube, parameters=own).result(PATIENCE)
-    assert (shape["report"]["seams"], shape["warnings"]) == (12, [])
+    assert (shape.report["seams"], shape.warnings) == (12, [])
     kept = client.submit(cube, parameters=own | {"samples": 4}, policy={"seams": "keep"}).result(PATIENCE)
-    assert "of the area was kept" in kept["warnings"][0]
-    ranking = client.query(cube, parameters=own | {"samples": 4}, policy={"seams": "keep"})
-    assert ranking["warnings"] == kept["warnings"]
+    assert "of the area was kept" in kept.warnings[0]
+    ranking = client.rank(cube, parameters=own | {"samples": 4}, policy={"seams": "keep"})
+    assert list(ranking.warnings) == kept.warnings
 
 
 def test_a_file_name_that_is_not_utf8_is_escaped(client, mesh, kind, tmp_path):
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/m\xe9" + kind.encode() + b".ply"))
     path.write_bytes(mesh(40))
     shape = client.submit(path, parameters={"samples": {"sync": 8, "async": 9}[kind]}).result(PATIENCE)
-    assert shape["name"] == rf"m\xe9{kind}"
+    assert shape.name == rf"m\xe9{kind}"
 
 
 @pytest.mark.parametrize("kind", sorted(errors.subclasses(errors.JobError), key=lambda kind: kind.code))
 def test_a_failed_job_raises_its_own_error(kind):
-    failed = {"state": "failed", "error": {"code": kind.code, "message": "why"}}
+    failed = JobStatus("1", "shape", "failed", error=JobFailure(kind.code, "why"))
     with pytest.raises(kind, match="why") as raised:
         protocol.outcome(failed)
     assert type(raised.value) is kind

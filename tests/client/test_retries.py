@@ -52,7 +52,7 @@ FULL = (
 
 def test_reading_is_repeated_after_broken_connections():
     with closing(Breaking(2, CLASSES)) as server, Client(server.url) as client:
-        assert client.classes() == {}
+        assert client.labels() == {}
         assert len(server.requests) == 3
 
 
@@ -74,7 +74,7 @@ def test_an_upload_is_repeated_with_the_same_key():
 def test_waiting_at_a_limit_ends():
     with closing(Breaking(0, FULL)) as server, Client(server.url, retry_seconds=0.5) as client:
         with pytest.raises(QueueFullError, match="too many jobs wait") as caught:
-            client.classes()
+            client.labels()
         assert (caught.value.status, len(server.requests)) == (429, 1)
 
 

@@ -21,9 +21,10 @@ from unbend.jobs import JobLimits, JobRunner
 from unbend.jobs.observer import NoObserver
 from unbend.jobs.worker import StoredMesh, convert, geodesics_from
 from unbend.library.job_rows import JobFilter
-from unbend.library.records import JobRecord, ShapeRecord
+from unbend.library.records import JobRecord
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 from unbend.mesh.shapes import sphere, torus
+from unbend.results.shapes import ShapeRecord
 
 FEW = Parameters(samples=40)
 MANY = Parameters(samples=2000)

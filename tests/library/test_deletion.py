@@ -87,7 +87,7 @@ def test_many_removed_shapes_leave_no_byte_on_disk_among_other_changes(library, 
         while len(there) > 1 and random.random() < 0.45:
             mark = list(there)[int(random.integers(len(there)))]
             if random.random() < 0.5:
-                library.change(there[mark], {"name": mark.decode() * int(random.integers(1, 19)), "label": "x"})
+                library.change(there[mark], name=mark.decode() * int(random.integers(1, 19)), label="x")
             else:
                 library.remove(there.pop(mark))
                 gone.append(mark)
@@ -125,7 +125,7 @@ def test_the_job_of_a_removed_shape_keeps_no_details(library, path):
     with library.store.write() as connection:
         shape = insert(connection, LONG, "name-of-it", "label-of-it", {"k": "metadata-of-it"})
         job_rows.finish(connection, job_id, "succeeded", shape_id=shape.id)
-    library.change(shape.id, {"name": "renamed"})  # the name in the request now differs from the shape's name
+    library.change(shape.id, name="renamed")  # the name in the request now differs from the shape's name
     library.remove(shape.id)
     job = job_of(library, job_id)
     assert (job.state, job.shape_id, job.request, job.mesh_sha256) == ("succeeded", shape.id, None, None)
@@ -165,7 +165,7 @@ def test_an_unused_label_leaves_no_byte_on_disk(library, path):
     job_id = start_job(library, b"q", QueryRequest("moments", k=9))
     answer = ranking(library.get(shape_id), classes=["label-of-it"])
     end(library, job_id, "succeeded", result=answer)
-    library.change(shape_id, {"label": "another", "name": "renamed", "metadata": {}})
+    library.change(shape_id, label="another", name="renamed", metadata={})
     assert_soon_gone(path, b"label-of-it")
     reported = job_of(library, job_id).result
     assert reported["classes"] == []

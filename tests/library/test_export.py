@@ -83,7 +83,7 @@ def test_equal_names_get_different_files(library, tmp_path):
     names = ["cat", "cat", "a/b", "a:b", "cat"]
     records = [add(library, b"OFF %d" % number, name) for number, name in enumerate(names)]
     clash = add(library, b"OFF 9", f"cat-{records[4].id}")
-    library.change(clash.id, {"name": f"cat-{records[4].id}"})
+    library.change(clash.id, name=f"cat-{records[4].id}")
     records.insert(0, add(library, b"OFF 10", "labels.csv"))
     out = tmp_path / "out"
     assert library.export(out) == 7
@@ -99,7 +99,7 @@ def test_a_name_that_contains_the_id_of_another_shape_gets_its_own_file(library,
     add(library, b"OFF 0", "cat")
     first = add(library, b"OFF 1", "to be renamed")
     second = add(library, b"OFF 2", "cat")
-    library.change(first.id, {"name": f"cat-{second.id}"})
+    library.change(first.id, name=f"cat-{second.id}")
     library.export(tmp_path / "out")
     assert sorted((file.name, file.read_bytes()) for file in (tmp_path / "out").glob("*.off")) == [
         (f"cat-{second.id}-2.off", b"OFF 2"), (f"cat-{second.id}.off", b"OFF 1"), ("cat.off", b"OFF 0"),

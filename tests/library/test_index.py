@@ -119,7 +119,7 @@ def test_two_libraries_on_one_file_agree_with_the_store_after_any_changes(tmp_pa
             elif ids and kind == "remove":
                 writer.remove(ids.pop(what % len(ids)))
             elif ids:
-                writer.change(ids[what % len(ids)], {kind: value})
+                writer.change(ids[what % len(ids)], **{kind: value})
             if asked:  # after one change or after several
                 check(one, path)
         for library in (one, two):
@@ -133,7 +133,7 @@ def test_changes_by_another_process_are_seen(library, path):
     changes = f"""
 from unbend import Library
 with Library({str(path)!r}) as library:
-    library.change({ids[0]!r}, {{"label": "new", "name": "renamed"}})
+    library.change({ids[0]!r}, label="new", name="renamed")
     library.remove({ids[2]!r})
 """
     subprocess.run([sys.executable, "-c", changes], check=True)
@@ -148,7 +148,7 @@ def test_a_snapshot_does_not_change(library):
     index = SearchIndex()
     first = snapshot_of(library, index)
     before = first.gallery.vectors.copy(), first.gallery.codes.copy(), first.seqs.copy()
-    library.change(ids[3], {"label": "b"})
+    library.change(ids[3], label="b")
     library.remove(ids[4])
     add(library, (99, 0, 0), "c")
     second = snapshot_of(library, index)
@@ -172,7 +172,7 @@ def test_additions_and_changes_neither_read_nor_move_existing_rows(library):
     seen = grown
     for change in (
         lambda: add(library, (6, 0, 0), "b"),
-        lambda: library.change(ids[0], {"label": "b"}),
+        lambda: library.change(ids[0], label="b"),
         lambda: library.remove(ids[1]),
     ):
         change()
@@ -276,7 +276,7 @@ def test_a_store_reset_to_an_earlier_state_is_read_again(library, path, tmp_path
     check(library, path)
     copy, live = sqlite3.connect(tmp_path / "copy.db"), sqlite3.connect(path)
     live.backup(copy)
-    library.change(add(library, (2, 0, 0), "b"), {"label": "c"})
+    library.change(add(library, (2, 0, 0), "b"), label="c")
     check(library, path)
     copy.backup(live)
     copy.close()
@@ -316,8 +316,8 @@ def test_answers_are_consistent_while_threads_change_the_library(path):
             for _ in range(25):
                 number = int(random.integers(1000))
                 shape_id = add(library, (number, 1, 0), "even" if number % 2 == 0 else "odd")
-                library.change(shape_id, {"label": "moved"})
-                library.change(shape_id, {"label": "even" if number % 2 == 0 else "odd"})
+                library.change(shape_id, label="moved")
+                library.change(shape_id, label="even" if number % 2 == 0 else "odd")
                 if number % 3:
                     library.remove(shape_id)
             stop.set()

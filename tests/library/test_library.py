@@ -206,23 +206,23 @@ def test_a_page_of_less_than_one_shape_is_refused(filled, limit):
 
 def test_name_label_and_metadata_can_be_changed_and_nothing_else(library):
     record = library.add(small_mesh(0), name="a", label="b", metadata={"c": 1}, parameters=FEW)
-    first = library.change(record.id, {"label": None})
+    first = library.change(record.id, label=None)
     assert first == dataclasses.replace(record, label=None, updated_at=first.updated_at, changed=first.changed)
-    changed = library.change(record.id, {"name": "x", "metadata": {"y": [2]}})
+    changed = library.change(record.id, name="x", metadata={"y": [2]})
     edited = {"name": "x", "metadata": {"y": [2]}, "updated_at": changed.updated_at, "changed": changed.changed}
     assert changed == dataclasses.replace(first, **edited)
     assert record.updated_at < first.updated_at < changed.updated_at
     assert record.changed < first.changed < changed.changed
     assert library.get(record.id) == changed
-    assert library.change(record.id, {}) == changed
+    assert library.change(record.id) == changed
     with pytest.raises(ParameterError, match="sha256"):
-        library.change(record.id, {"sha256": "0"})
+        library.change(record.id, sha256="0")
 
 
 def test_a_shape_cannot_lose_its_name(library):
     record = library.add(small_mesh(0), name="a", parameters=FEW)
     with pytest.raises(ParameterError, match="name"):
-        library.change(record.id, {"name": None})
+        library.change(record.id, name=None)
 
 
 def test_metadata_that_json_cannot_represent_is_refused(library):
@@ -408,7 +408,7 @@ def test_a_map_respects_its_limit_and_follows_changes(library):
     few = library.map("moments", parameters=FEW, dimensions=3, limit=4)
     assert (len(few.items), few.count, len(few.items[0].point)) == (4, 6, 3)
     library.remove(ids["ring"])
-    library.change(ids["ball"], {"name": "orb", "label": None})
+    library.change(ids["ball"], name="orb", label=None)
     found = library.map("moments", parameters=FEW)
     assert (found.count, {item.name for item in found.items} & {"ring", "ball", "orb"}) == (5, {"orb"})
     assert library.map().items == []
@@ -493,7 +493,7 @@ def test_the_index_is_correct_after_every_change(library, path):
     ids = fill(library)
     agrees()
     assert len(library.nearest(query, 100)) == 6
-    library.change(ids["ball"], {"label": "globe", "name": "globe-1"})
+    library.change(ids["ball"], label="globe", name="globe-1")
     agrees()
     assert library.rank(query).shapes[0].name == "globe-1"
     assert library.rank(query).classes[0].label == "globe"
@@ -512,7 +512,7 @@ def test_two_libraries_on_one_file_see_each_others_changes(path):
         assert one.nearest(query) == two.nearest(query) == []
         added = one.add(small_mesh(0), name="a", parameters=FEW)
         assert [match.name for match in two.nearest(query)] == ["a"]
-        two.change(added.id, {"name": "b"})
+        two.change(added.id, name="b")
         assert [match.name for match in one.nearest(query)] == ["b"]
         second = two.add(small_mesh(1), parameters=FEW)
         one.remove(added.id)

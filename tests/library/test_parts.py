@@ -86,7 +86,7 @@ def test_under_the_default_an_open_query_of_closed_shapes_carries_a_warning_that
 def test_changes_removals_and_new_shapes_count_at_once(library, part):
     query = asked(part)
     egg = library.rank(query, measure="partial").shapes[0]
-    library.change(egg.id, {"label": "renamed"})
+    library.change(egg.id, label="renamed")
     assert library.rank(query, measure="partial").classes[0].label == "renamed"
     library.remove(egg.id)
     assert {match.name for match in library.rank(query, measure="partial").shapes} == {"ball", "ring"}

@@ -124,7 +124,7 @@ def test_every_shape_of_an_old_library_can_be_read_searched_changed_and_removed(
         assert [match.id for match in library.nearest(one.id)] == [other.id]
         assert [match.label for match in library.classify(one.id)] == [other.label]
         assert library.nearest(library.signature(one.id), 1)[0].distance == 0.0
-        assert library.change(one.id, {"label": "new"}).label == "new"
+        assert library.change(one.id, label="new").label == "new"
         library.remove(one.id)
         assert library.page().items == [other]
         assert library.nearest(library.signature(other.id), 9)[0].id == other.id

@@ -149,7 +149,7 @@ def test_a_library_without_revisions_keeps_its_shapes_and_then_tracks_changes(tm
             check_schema(connection)
         assert library.page().items == kept
         assert library.rank(kept[0].id) == ranking
-        library.change(kept[1].id, {"label": "ring"})
+        library.change(kept[1].id, label="ring")
         assert {match.id: match.label for match in library.nearest(kept[0].id)} == {
             kept[1].id: "ring", kept[2].id: "torus",
         }  # fmt: skip

@@ -10,9 +10,9 @@ from sqlalchemy import Connection
 from unbend import Library, Parameters, Signature
 from unbend.library import shape_rows
 from unbend.library.packing import PackedSignature
-from unbend.library.records import ShapeRecord
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.library.shape_rows import ComputedShape
+from unbend.results.shapes import ShapeRecord
 
 PARAMETERS = Parameters(samples=40)
 

@@ -30,6 +30,7 @@ from unbend.names import DEFAULT_LIBRARY, printable
 
 if TYPE_CHECKING:
     from unbend.client import Job
+    from unbend.results import AddedShape
 
 Outcome = Literal["new", "updated", "known"]
 
@@ -129,9 +130,11 @@ def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, p
     with Library(url) as library:
         for file in files:
             try:
-                received = library.receive(
+                shape = library.add(
                     file.path,
-                    {"name": file.name, "label": file.label, "metadata": file.metadata},
+                    name=file.name,
+                    label=file.label,
+                    metadata=file.metadata,
                     parameters=Parameters.from_dict(file.parameters | dict(parameters)),
                     policy=MeshPolicy.from_dict(file.policy | dict(policy)),
                     if_known="update",
@@ -139,14 +142,12 @@ def _into_library(url: str, files: Sequence[LabelledFile], parameters: Values, p
             except (MeshError, ParameterError, OSError) as error:
                 yield _Ended(file.path, str(error))
             else:
-                shape = received.shape
-                outcome = _outcome(received.updated, is_new=received.is_new)
-                yield _Ended(file.path, warnings=shape.warnings, shape_id=shape.id, outcome=outcome)
+                yield _Ended(file.path, warnings=shape.warnings, shape_id=shape.id, outcome=_outcome(shape))
 
 
 def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, policy: Values) -> Iterator[_Ended]:
     with connect(url) as client:
-        waiting: deque[tuple[LabelledFile, Job]] = deque()
+        waiting: deque[tuple[LabelledFile, Job[AddedShape]]] = deque()
         for file in files:
             try:
                 job = client.submit(
@@ -169,10 +170,10 @@ def _over_http(url: str, files: Sequence[LabelledFile], parameters: Values, poli
             yield _end_of(file, job)
 
 
-def _outcome(updated: Sequence[str], *, is_new: bool) -> Outcome:
-    if is_new:
+def _outcome(shape: AddedShape) -> Outcome:
+    if shape.is_new:
         return "new"
-    return "updated" if updated else "known"
+    return "updated" if shape.updated else "known"
 
 
 def _fails_for_all(error: Exception) -> bool:
@@ -180,10 +181,9 @@ def _fails_for_all(error: Exception) -> bool:
     return isinstance(error, ServiceError | AccessError | ParameterError)
 
 
-def _end_of(file: LabelledFile, job: Job) -> _Ended:
+def _end_of(file: LabelledFile, job: Job[AddedShape]) -> _Ended:
     try:
         shape = job.result()
-        outcome = _outcome(shape.get("updated", ()), is_new="updated" not in shape)
-        return _Ended(file.path, warnings=shape.get("warnings", ()), shape_id=shape["id"], outcome=outcome)
+        return _Ended(file.path, warnings=shape.warnings, shape_id=shape.id, outcome=_outcome(shape))
     except UnbendError as error:
         return _Ended(file.path, str(error))

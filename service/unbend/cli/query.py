@@ -60,7 +60,7 @@ def query(
 
 def _over_http(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:
     with connect(url) as client:
-        return client.query(mesh, parameters=parameters, policy=policy, **options)
+        return client.rank(mesh, parameters=parameters, policy=policy, **options).as_dict()
 
 
 def _in_library(url: str, mesh: Path, parameters: Values, policy: Values, options: Values) -> Values:

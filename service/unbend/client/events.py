@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import httpx
 
-from unbend.client.protocol import FINISHED, Json, checked, unreachable
+from unbend.client.protocol import Json, checked, unreachable
 from unbend.errors import ServiceError
+from unbend.results.jobs import ENDED_STATES
 
 _MAX_ABSENCE_SECONDS = 60.0
 """Longest time between two events in which the service may be absent. A restart takes seconds."""
@@ -67,7 +68,7 @@ class EventReader:
         self._last = fields.get("id", self._last)
         self._absent_seconds = 0.0
         job: Json = json.loads(fields["data"])
-        self.done = job["state"] in FINISHED
+        self.done = job["state"] in ENDED_STATES
         return job
 
     def interrupted(self, error: Exception | None = None) -> float:

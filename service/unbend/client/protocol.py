@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, TypedDict
+from typing import Any, Final
+from urllib.parse import quote
 
 import httpx
+import numpy as np
 
 from unbend.errors import JobError, NotFoundError, ParameterError, ServiceError, reported
 from unbend.jsons import JsonObject
-from unbend.mesh.policy import MeshPolicy
-from unbend.mesh.sources import MeshSource, bytes_of
-from unbend.names import MAX_TEXT, printable
-from unbend.signature.parameters import Parameters
+from unbend.results.jobs import JobFailure, JobStatus
+from unbend.results.points import PointMap
+from unbend.results.rankings import Ranking, shape_id_of
+from unbend.results.shapes import AddedShape, ShapeRecord
+from unbend.signature.signature import Signature
 
 Json = dict[str, Any]
 
@@ -27,132 +29,72 @@ POLL_SECONDS: Final = 30.0
 _REFUSED: Final = "request_invalid"
 """The code of a request that the service's own validation refuses."""
 
-FINISHED: Final = frozenset({"succeeded", "failed", "cancelled"})
-
 IN_PLACE: Final = {"Prefer": f"wait={POLL_SECONDS:.0f}"}
 """Header that requests the ranking of a query in the response itself, if the ranking is ready in time."""
 
 
-class Content(TypedDict, total=False):
-    """The body of a multipart request, as httpx takes it."""
-
-    files: dict[str, tuple[str, bytes]]
-    data: dict[str, str]
+def shape_path(shape_id: str) -> str:
+    """Return the path of a shape."""
+    return f"/v1/shapes/{quote(shape_id, safe='')}"
 
 
-@dataclass(frozen=True)
-class MeshFile:
-    """A mesh to send."""
-
-    data: bytes
-    name: str
-    title: str | None = None
-    """Name of the shape, if the service cannot derive it from the file name."""
-
-    @classmethod
-    def of(cls, source: MeshSource) -> MeshFile:
-        """Return the file of a mesh; see `bytes_of`."""
-        file = bytes_of(source)
-        if not file.name:
-            return cls(file.data, "unnamed")
-        name, title = printable(file.name), printable(Path(file.name).stem)[:MAX_TEXT]
-        return cls(file.data, name, title if "\\" in name else None)  # servers read \ as a path separator
+def job_path(job_id: str) -> str:
+    """Return the path of a job."""
+    return f"/v1/jobs/{quote(job_id, safe='')}"
 
 
-@dataclass(frozen=True)
-class Details:
-    """The description of an uploaded shape; fields that are None are not sent."""
-
-    name: str | None = None
-    label: str | None = None
-    metadata: Mapping[str, Any] | None = None
-    parameters: Parameters | Mapping[str, Any] | None = None
-    policy: MeshPolicy | Mapping[str, Any] | None = None
-    if_known: str | None = None
+def given(**values: object) -> dict[str, str]:
+    """Return the values that are not None as text: JSON for objects."""
+    return {name: text_of(value) for name, value in values.items() if value is not None}
 
 
-def upload_content(mesh: MeshFile, details: Details) -> Content:
-    """Return the multipart form of an upload."""
-    return _content(mesh, vars(details) | {"name": details.name or mesh.title})
-
-
-@dataclass(frozen=True)
-class QueryOptions:
-    """The options of a query; fields that are None have the service's defaults."""
-
-    measure: str | None
-    classifier: str | None
-    k: int
-
-
-def query_content(
-    mesh: MeshFile,
-    options: QueryOptions,
-    parameters: Parameters | Mapping[str, Any] | None,
-    policy: MeshPolicy | Mapping[str, Any] | None,
-) -> Content:
-    """Return the multipart form of a query by file."""
-    return _content(mesh, vars(options) | {"parameters": parameters, "policy": policy})
-
-
-def _content(mesh: MeshFile, fields: Mapping[str, object]) -> Content:
-    data = {name: _text(value) for name, value in fields.items() if value is not None}
-    return {"files": {"file": (mesh.name, mesh.data)}, "data": data}
-
-
-def _text(value: object) -> str:
-    """Return a field of a form as text: JSON for objects."""
+def text_of(value: object) -> str:
+    """Return a field of a form or of a query string: JSON for objects."""
     if isinstance(value, JsonObject):
         return value.to_json()
     return json.dumps(dict(value)) if isinstance(value, Mapping) else str(value)
 
 
-def shape_query(shape_id: str, options: QueryOptions) -> Json:
-    """Return the body of a query by a stored shape."""
-    return {"shape_id": shape_id} | {name: value for name, value in vars(options).items() if value is not None}
+def stored(query: object) -> str | None:
+    """Return the id of a query that is a stored shape; None if it is a mesh.
+
+    Raises
+    ------
+    NotFoundError
+        If it is text, and neither an id nor the path of a file.
+    ParameterError
+        If it is a signature.
+    """
+    if isinstance(query, Signature):
+        raise ParameterError("a service ranks meshes and stored shapes, no signatures: send the mesh")
+    return shape_id_of(query)
 
 
-def match(a: str, b: str, orientation: str | None, part: str | None, samples: int | None) -> Json:
-    """Return the body of a match of two stored shapes."""
-    given = {"orientation": orientation, "part": part, "samples": samples}
-    return {"a": a, "b": b} | {name: value for name, value in given.items() if value is not None}
+def known_shape(values: Json) -> AddedShape:
+    """Return the shape of the response to an upload that was stored already."""
+    shape = ShapeRecord.from_dict(values)
+    return AddedShape.of(shape, is_new=False, ignored=values["ignored"], updated=values["updated"])
 
 
-def overview(
-    measure: str | None, parameters: Parameters | Mapping[str, Any] | None, distance: str | None = None
-) -> dict[str, str]:
-    """Return the parameters of a map or an evaluation."""
-    text = None if parameters is None else _text(parameters)
-    given = {"measure": measure, "parameters": text, "distance": distance}
-    return {name: value for name, value in given.items() if value is not None}
+def finished(shape: AddedShape) -> JobStatus:
+    """Return the job of an upload that needs none, because its shape is stored already."""
+    return JobStatus(
+        "", "shape", "succeeded", "done", 1.0, shape_id=shape.id, warnings=tuple(shape.warnings),
+        ignored=shape.ignored, created_at=shape.created_at, started_at=shape.created_at, finished_at=shape.created_at,
+    )  # fmt: skip
 
 
-def page(label: str | None, cursor: str | None) -> dict[str, str]:
-    """Return the parameters of a page of shapes."""
-    return {key: value for key, value in (("label", label), ("cursor", cursor)) if value is not None}
+def ranking_of(status: JobStatus) -> Ranking:
+    """Return the ranking of a query that succeeded; JobError if it has none."""
+    if status.result is None:
+        raise JobError(f"the ranking of job {status.id} is not stored any more")
+    return status.result
 
 
-def job_path(job_id: str) -> str:
-    """Return the path of a job."""
-    return f"/v1/jobs/{job_id}"
-
-
-def file_path(job_id: str) -> str:
-    """Return the path of the file that a job made."""
-    return f"{job_path(job_id)}/file"
-
-
-def events_path(job_id: str) -> str:
-    """Return the path of a job's events."""
-    return f"{job_path(job_id)}/events"
-
-
-def submitted(response: httpx.Response) -> tuple[Json, Json | None]:
-    """Return the job of an upload, and the shape if it was stored already."""
-    body = dict(response.json())
-    if response.status_code == httpx.codes.OK:
-        return {"id": "", "kind": "shape", "state": "succeeded", "shape_id": body["id"]}, body
-    return body, None
+def points(file: bytes) -> PointMap:
+    """Return the match of a file of the format npz."""
+    with np.load(io.BytesIO(file), allow_pickle=False) as arrays:
+        return PointMap.from_dict(arrays)
 
 
 def address(base_url: str | None) -> httpx.URL:
@@ -202,12 +144,12 @@ def checked(response: httpx.Response) -> httpx.Response:
     )
 
 
-def outcome(job: Json) -> Json:
+def outcome(status: JobStatus) -> JobStatus:
     """Return a job that succeeded; raise the error of any other job."""
-    if job["state"] == "succeeded":
-        return job
-    error = job.get("error") or {"code": JobError.code, "message": f"the job was {job['state']}"}
-    raise reported(error["code"], error["message"], advice=error.get("advice", ""))
+    if status.state == "succeeded":
+        return status
+    error = status.error or JobFailure(JobError.code, f"the job was {status.state}")
+    raise reported(error.code, error.message, advice=error.advice)
 
 
 def unreachable(url: httpx.URL, error: Exception) -> ServiceError:

@@ -22,9 +22,11 @@ from unbend.jobs.pool import WorkerPool
 from unbend.jobs.subscriptions import Subscriptions
 from unbend.library import Library
 from unbend.library.jobs import ANONYMOUS, JobFilter, NewJob, QueueLimits, Sender
-from unbend.library.records import UNFINISHED_STATES, JobFile, JobPage, JobRecord, KnownShape, ShapeRecord
+from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upload
 from unbend.library.shape_rows import MAX_PAGE
+from unbend.results.jobs import UNFINISHED_STATES
+from unbend.results.shapes import AddedShape, ShapeRecord
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -113,7 +115,7 @@ class JobRunner:
 
     async def submit_shape(
         self, upload: Upload, request: ShapeRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
-    ) -> JobRecord | KnownShape:
+    ) -> JobRecord | AddedShape:
         """Queue an upload; or return the shape if it is stored already, or the earlier job of a repeated request.
 
         Parameters

@@ -12,21 +12,14 @@ from sqlalchemy import Connection, bindparam, delete, exists, func, insert, sele
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
-from unbend.library.records import ENDED_STATES, UNFINISHED_STATES, JobFile, JobPage, JobRecord, JobState
-from unbend.library.requests import (
-    JobKind,
-    JobRequest,
-    UploadKey,
-    decode_parameters,
-    decode_policy,
-    decode_request,
-    kind_of,
-)
+from unbend.library.records import JobFile, JobPage, JobRecord
+from unbend.library.requests import JobRequest, UploadKey, decode_parameters, decode_policy, decode_request, kind_of
 from unbend.library.shape_rows import delete_unused_mesh, parse_cursor
 from unbend.library.storage.log_eraser import mark_erased
 from unbend.library.storage.schema import Instant, job_files, jobs
 from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
+from unbend.results.jobs import ENDED_STATES, UNFINISHED_STATES, JobKind, JobState
 
 Cause = Literal["worker lost", "server lost", "stopped", "shape removed"]
 """The cause for which a running job returns to the queue.

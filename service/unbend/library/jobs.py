@@ -15,12 +15,14 @@ from sqlalchemy import Connection
 from unbend.errors import IdempotencyError, QueueFullError, QuotaError
 from unbend.library import job_rows, shape_rows
 from unbend.library.job_rows import ANONYMOUS, Cause, JobFilter, Sender
-from unbend.library.records import JobFile, JobPage, JobRecord, JobState, KnownShape, ShapeRecord
+from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import FileRequest, JobRequest, QueryRequest, ShapeRequest, Upload, UploadKey
-from unbend.library.search.ranking import Ranking
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.store import Store
 from unbend.progress import Progress
+from unbend.results.jobs import JobState
+from unbend.results.rankings import Ranking
+from unbend.results.shapes import AddedShape, ShapeRecord
 
 T = TypeVar("T")
 
@@ -64,7 +66,7 @@ class Jobs:
 
     def submit_shape(
         self, upload: Upload, request: ShapeRequest, sender: Sender, limits: QueueLimits
-    ) -> Future[NewJob | JobRecord | KnownShape]:
+    ) -> Future[NewJob | JobRecord | AddedShape]:
         """Queue an upload; or return the shape if it is stored already, or the earlier job of a repeated request.
 
         Raises
@@ -80,7 +82,7 @@ class Jobs:
         """
         key = upload.key  # hashed here, not in the writer's thread
 
-        def submit(connection: Connection) -> NewJob | JobRecord | KnownShape:
+        def submit(connection: Connection) -> NewJob | JobRecord | AddedShape:
             if earlier := _find_repeated(connection, sender):
                 return earlier
             if known := shape_rows.find_shape(connection, key):
@@ -265,13 +267,17 @@ class Jobs:
         return await self._store.fetch(partial(job_rows.due_callbacks, now=datetime.now(UTC), limit=limit))
 
     async def page(self, conditions: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
+        """Return what `read_page` returns."""
+        return await asyncio.to_thread(partial(self.read_page, conditions, cursor=cursor, limit=limit))
+
+    def read_page(self, conditions: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
         """Return up to `limit` jobs without results, the newest first, and the queue positions by id."""
 
         def load(connection: Connection) -> tuple[JobPage, Mapping[str, int]]:
             page = job_rows.list_jobs(connection, conditions, cursor=cursor, limit=limit)
             return page, job_rows.positions(connection, page.items)
 
-        return await self._in_thread(load)
+        return self._store.load(load)
 
     async def file(self, job: JobRecord) -> JobFile:
         """Return the file of a job; NotFoundError if the job has no file, or the file was deleted."""

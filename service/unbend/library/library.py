@@ -2,51 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
+from unbend.correspondence.match import Turn, match
+from unbend.correspondence.pieces import Part
+from unbend.errors import NotFoundError
 from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
-from unbend.library.jobs import Jobs
+from unbend.library.jobs import JobFilter, Jobs
 from unbend.library.keys import Keys
 from unbend.library.packing import PackedSignature, pack_local
-from unbend.library.records import KnownShape, ShapeMatch, ShapePage, ShapeRecord
-from unbend.library.requests import DEFAULT_K, IfKnown, QueryRequest, ShapeRequest, Upload
-from unbend.library.search import MapOptions, Ranking, Search, ShapeMap
-from unbend.library.search.overview import MAP_LIMIT, MapDistance
-from unbend.library.shape_rows import ComputedShape
+from unbend.library.requests import QueryRequest, ShapeRequest, Upload
+from unbend.library.search import MapOptions, Search
+from unbend.library.search.overview import MAP_LIMIT
+from unbend.library.shape_rows import MAX_PAGE, ComputedShape
 from unbend.library.shapes import Shapes
 from unbend.library.storage.disk import LibraryDisk
 from unbend.library.storage.store import Store
 from unbend.local.signatures import local_signatures
 from unbend.matching.classification import DEFAULT_CLASSIFIER, ClassMatch
-from unbend.matching.evaluate import Evaluation, RetrievalMetrics
+from unbend.matching.evaluate import RetrievalMetrics
 from unbend.matching.measures import DEFAULT_MEASURE
-from unbend.mesh.policy import MeshPolicy
+from unbend.mesh.policy import MeshPolicy, PolicyLike
 from unbend.mesh.read import read_mesh
 from unbend.mesh.sources import MeshSource, bytes_of
+from unbend.mesh.surface import Surface
 from unbend.names import DEFAULT_LIBRARY, MAX_TEXT, printable
+from unbend.results.evaluations import EvaluationResult
+from unbend.results.jobs import JobKind, JobState, JobStatus
+from unbend.results.maps import MapDistance, ShapeMap
+from unbend.results.points import PointMap
+from unbend.results.rankings import DEFAULT_K, Ranking, ShapeMatch, shape_id_of
+from unbend.results.shapes import AddedShape, IfKnown, ShapeOrder, ShapePage, ShapeRecord
 from unbend.signature.from_file import signature_of_file
-from unbend.signature.parameters import Parameters
+from unbend.signature.parameters import Parameters, ParametersLike
 from unbend.signature.signature import Signature
-
-
-@dataclass(frozen=True)
-class Received(KnownShape):
-    """The result of `Library.receive`."""
-
-    is_new: bool = False
-    """Whether this call stored the shape."""
 
 
 class Library:
     """A library of shapes; thread-safe.
 
-    Its methods serve programs that compute in their own process. Servers use its parts: `shapes`, `jobs`, `keys`,
-    `search` and `disk`.
+    `Client` has the same methods, with the same results, for a library behind a service. Servers use the parts of this
+    object: `shapes`, `jobs`, `keys`, `search` and `disk`.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Library:
     --------
     >>> with Library("shapes.db") as library:                   # doctest: +SKIP
     ...     library.add("cat.off", label="cat")
-    ...     library.classify(compute_signature(read_mesh("unknown.ply")))
+    ...     library.classify("unknown.ply")[0].label
     """
 
     def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True) -> None:
@@ -117,10 +117,10 @@ class Library:
         name: str | None = None,
         label: str | None = None,
         metadata: dict[str, Any] | None = None,
-        parameters: Parameters | Mapping[str, Any] | None = None,
-        policy: MeshPolicy | Mapping[str, Any] | None = None,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
         if_known: IfKnown = "keep",
-    ) -> ShapeRecord:
+    ) -> AddedShape:
         """Read a mesh, compute its signature and store both.
 
         Parameters
@@ -143,9 +143,9 @@ class Library:
 
         Returns
         -------
-        ShapeRecord
-            The new shape, or the stored one. `receive` also returns whether the shape is new, and which fields a
-            stored shape did not take.
+        AddedShape
+            The new shape, or the stored one: `is_new` says which, and `ignored` which fields a stored shape did not
+            take.
 
         Raises
         ------
@@ -154,44 +154,80 @@ class Library:
         ParameterError
             If the name, label or metadata cannot be stored.
         """
-        given = {"name": name, "label": label, "metadata": metadata}
-        return self.receive(source, given, parameters=parameters, policy=policy, if_known=if_known).shape
-
-    def receive(
-        self,
-        source: MeshSource,
-        given: Mapping[str, Any],
-        *,
-        parameters: Parameters | Mapping[str, Any] | None = None,
-        policy: MeshPolicy | Mapping[str, Any] | None = None,
-        if_known: IfKnown = "keep",
-    ) -> Received:
-        """Add a mesh as `add` does, and return the outcome.
-
-        `given` contains the name, label and metadata; None means not given.
-        """
         file = bytes_of(source)
+        given = {"name": name, "label": label, "metadata": metadata}
         request = ShapeRequest.of(printable(Path(file.name or "unnamed").stem)[:MAX_TEXT], given, if_known)
         upload = Upload(file.data, file.file_type, Parameters.of(parameters), MeshPolicy.of(policy))
         if known := self.shapes.find(upload.key):
-            return Received(**vars(self.shapes.update_known(known, request)))
+            return self.shapes.update_known(known, request)
         found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
         surface, packed = found.surface, PackedSignature.of(found.signature)
         computed = ComputedShape(upload.key, packed, surface.area, surface.report.as_dict())
-        return Received(self.shapes.add(upload, computed, request), is_new=True)
+        return self.shapes.add(upload, computed, request)
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape; NotFoundError if there is none of this id."""
         return self.shapes.get(shape_id)
 
     def page(
-        self, *, label: str | None = None, sha256: str | None = None, cursor: str | None = None, limit: int = 100
+        self,
+        *,
+        label: str | None = None,
+        sha256: str | None = None,
+        name: str | None = None,
+        order: ShapeOrder = "oldest",
+        cursor: str | None = None,
+        limit: int = 100,
     ) -> ShapePage:
-        """Return up to `limit` shapes after `cursor`, in the order of adding; see `Shapes.page`."""
-        return self.shapes.page(label=label, sha256=sha256, cursor=cursor, limit=limit)
+        """Return up to `limit` shapes after `cursor`; see `Shapes.page`."""
+        return self.shapes.page(label=label, sha256=sha256, name=name, order=order, cursor=cursor, limit=limit)
 
-    def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:
-        """Set some of a shape's name, label and metadata, and return it."""
+    def iter_shapes(
+        self, *, label: str | None = None, name: str | None = None, order: ShapeOrder = "oldest"
+    ) -> Iterator[ShapeRecord]:
+        """Yield all shapes, those of one class, or those whose name contains a text, in the order of adding."""
+        cursor: str | None = None
+        while True:
+            page = self.page(label=label, name=name, order=order, cursor=cursor)
+            yield from page.items
+            cursor = page.next_cursor
+            if cursor is None:
+                return
+
+    def __iter__(self) -> Iterator[ShapeRecord]:
+        return self.iter_shapes()
+
+    def has(self, shape_id: str) -> bool:
+        """Return whether there is a shape of this id."""
+        try:
+            self.get(shape_id)
+        except NotFoundError:
+            return False
+        return True
+
+    def __contains__(self, shape_id: object) -> bool:
+        return isinstance(shape_id, str) and self.has(shape_id)
+
+    def count(self) -> int:
+        """Return the number of shapes."""
+        return len(self.shapes)
+
+    def __len__(self) -> int:
+        return self.count()
+
+    def __bool__(self) -> bool:
+        return True  # an empty library is a library
+
+    def change(self, shape_id: str, **changes: Any) -> ShapeRecord:
+        """Set some of a shape's `name`, `label` (None for no class) and `metadata`, and return the shape.
+
+        Raises
+        ------
+        ParameterError
+            If a value cannot be stored.
+        NotFoundError
+            If there is no such shape.
+        """
         return self.shapes.change(shape_id, changes)
 
     def complete(self) -> Iterator[ShapeRecord]:
@@ -203,9 +239,7 @@ class Library:
             If a stored mesh can no longer be read.
         """
         for shape in self.shapes.without_local():
-            data = self.shapes.file(shape.sha256)
-            surface = read_mesh(data, file_type=shape.file_type, policy=shape.policy)
-            self.shapes.set_local(shape.id, pack_local(local_signatures(surface)))
+            self.shapes.set_local(shape.id, pack_local(local_signatures(self._surface(shape.id))))
             yield shape
 
     def remove(self, shape_id: str) -> None:
@@ -224,8 +258,12 @@ class Library:
         """Return the number of shapes of each class."""
         return self.shapes.labels()
 
-    def __len__(self) -> int:
-        return len(self.shapes)
+    def list_jobs(
+        self, *, state: JobState | None = None, kind: JobKind | None = None, limit: int = 100
+    ) -> list[JobStatus]:
+        """Return at most `limit` (500 at most) jobs of a service that uses this library, the newest first."""
+        page, ahead = self.jobs.read_page(JobFilter(state, kind), cursor=None, limit=min(limit, MAX_PAGE))
+        return [job.status(ahead.get(job.id)) for job in page.items]
 
     def backup(self, destination: str | Path, *, overwrite: bool = False) -> Backup:
         """Copy the library into one file while others use it; `unbend restore` restores it.
@@ -251,18 +289,21 @@ class Library:
 
     def rank(
         self,
-        query: Signature | str,
+        query: Signature | MeshSource,
         *,
         measure: str = DEFAULT_MEASURE,
         classifier: str = DEFAULT_CLASSIFIER,
         k: int = DEFAULT_K,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
     ) -> Ranking:
         """Rank classes and the `k` nearest shapes.
 
         Parameters
         ----------
-        query : Signature or str
-            A signature, or the id of a stored shape, which is then not among the results.
+        query : str, mesh as for `add`, or Signature
+            The id of a stored shape, which is then not among the results; or a mesh, which is not stored; or its
+            signature.
         measure : str
             A measure of whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) reorders the shapes that are
             nearest by the default measure. Classes are then ranked by the default measure. A measure of parts
@@ -272,6 +313,8 @@ class Library:
             The rule that turns distances from shapes into distances from classes.
         k : int
             Number of shapes to return; all classes are returned.
+        parameters, policy : optional
+            As for `add`, for a query that is a mesh.
 
         Returns
         -------
@@ -281,30 +324,73 @@ class Library:
         Raises
         ------
         NotFoundError
-            If there is no such shape.
+            If there is no such shape or file.
         ParameterError
             If there is no such measure or classifier, `k` is below 1, or above `MAX_PAIRS` for a measure of
             whole shapes; UnsuitedError if the classifier needs more labels.
+        MeshError
+            As by `read_mesh` and `compute_signature`.
         """
-        return self.search.rank(query, QueryRequest(measure, classifier, k))
+        request = QueryRequest(measure, classifier, k)
+        if isinstance(query, Signature):
+            return self.search.rank(query, request)
+        shape_id = shape_id_of(query)
+        if shape_id is not None:
+            return self.search.rank(shape_id, request)
+        file, local = bytes_of(query), request.part_measure is not None
+        found = signature_of_file(
+            file.data, Parameters.of(parameters), MeshPolicy.of(policy), file_type=file.file_type, local=local
+        )
+        return self.search.rank(found.signature, request)
 
     def nearest(
-        self, query: Signature | str, k: int = DEFAULT_K, *, measure: str = DEFAULT_MEASURE
+        self,
+        query: Signature | MeshSource,
+        k: int = DEFAULT_K,
+        *,
+        measure: str = DEFAULT_MEASURE,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
     ) -> Sequence[ShapeMatch]:
         """Return the `k` nearest shapes, as `rank` finds them."""
-        return self.rank(query, measure=measure, k=k).shapes
+        return self.rank(query, measure=measure, k=k, parameters=parameters, policy=policy).shapes
 
     def classify(
-        self, query: Signature | str, *, measure: str = DEFAULT_MEASURE, classifier: str = DEFAULT_CLASSIFIER
+        self,
+        query: Signature | MeshSource,
+        *,
+        measure: str = DEFAULT_MEASURE,
+        classifier: str = DEFAULT_CLASSIFIER,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
     ) -> Sequence[ClassMatch]:
         """Return the classes, the most likely first, as `rank` finds them."""
-        return self.rank(query, measure=measure, classifier=classifier, k=1).classes
+        ranking = self.rank(query, measure=measure, classifier=classifier, k=1, parameters=parameters, policy=policy)
+        return ranking.classes
 
-    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> RetrievalMetrics:
+    def match(self, a: str, b: str, *, orientation: Turn = "keep", part: Part = "auto", samples: int = 300) -> PointMap:
+        """Return for each vertex of the stored shape `a` its point of the stored shape `b`; see `unbend.match`.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such shape.
+        UnsuitedError
+            If the shapes cannot be matched.
+        """
+        surfaces = [self._surface(shape_id) for shape_id in (a, b)]
+        found = match(*surfaces, orientation=orientation, part=part, samples=samples)
+        return PointMap.of(found, *surfaces)
+
+    def _surface(self, shape_id: str) -> Surface:
+        shape = self.get(shape_id)
+        return read_mesh(self.shapes.file(shape.sha256), file_type=shape.file_type, policy=shape.policy)
+
+    def evaluate(self, measure: str = DEFAULT_MEASURE, *, parameters: ParametersLike = None) -> RetrievalMetrics:
         """Return the retrieval metrics of `evaluation`."""
         return cast("RetrievalMetrics", self.evaluation(measure, parameters=parameters).metrics)
 
-    def evaluation(self, measure: str = DEFAULT_MEASURE, *, parameters: Parameters | None = None) -> Evaluation:
+    def evaluation(self, measure: str = DEFAULT_MEASURE, *, parameters: ParametersLike = None) -> EvaluationResult:
         """Evaluate retrieval among the labelled shapes computed with `parameters`, overall and by class.
 
         In a very large library, only some of the shapes are queries, chosen evenly.
@@ -314,13 +400,13 @@ class Library:
         ParameterError
             If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
         """
-        return self.search.evaluation(measure, parameters)
+        return self.search.evaluation(measure, Parameters.of(parameters))
 
     def map(
         self,
         measure: str = DEFAULT_MEASURE,
         *,
-        parameters: Parameters | None = None,
+        parameters: ParametersLike = None,
         dimensions: int = 2,
         limit: int = MAP_LIMIT,
         distance: MapDistance = "l1",
@@ -345,4 +431,4 @@ class Library:
             If there is no such measure, or it does not compare vectors, or a number is below 1, or there is no such
             distance.
         """
-        return self.search.map(measure, parameters, MapOptions(dimensions, limit, distance))
+        return self.search.map(measure, Parameters.of(parameters), MapOptions(dimensions, limit, distance))

@@ -2,87 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Final, Literal
+from typing import Any
 
-from unbend.library.requests import JobKind, JobRequest
+from unbend.library.requests import JobRequest
 from unbend.mesh.policy import MeshPolicy
+from unbend.results.jobs import ENDED_STATES, JobFailure, JobKind, JobState, JobStatus
+from unbend.results.rankings import Ranking
 from unbend.signature.parameters import Parameters
-
-JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-
-ENDED_STATES: Final[tuple[JobState, ...]] = ("succeeded", "failed", "cancelled")
-UNFINISHED_STATES: Final[tuple[JobState, ...]] = ("queued", "running")
-
-
-@dataclass(frozen=True)
-class ShapeRecord:
-    """A member of the library, without its arrays."""
-
-    id: str
-    name: str
-    label: str | None
-    metadata: dict[str, Any]
-    sha256: str
-    size: int
-    parameters: Parameters
-    policy: MeshPolicy
-    version: str
-    area: float
-    stress: float
-    dimension: int | None
-    """Effective dimension; None for signatures of version 4 or earlier."""
-    report: dict[str, Any]
-    warnings: list[str]
-    """Reasons why the signature may be wrong, and what to do."""
-    created_at: datetime
-    updated_at: datetime
-    changed: int
-    """The revision of the library that last changed the shape; 0 if it was never changed."""
-    seq: int
-    """The shape's place in the order of adding."""
-
-    @property
-    def file_type(self) -> str:
-        """The format of the uploaded file."""
-        return str(self.report["file_type"])
-
-
-@dataclass(frozen=True)
-class KnownShape:
-    """A stored shape whose file was sent again."""
-
-    shape: ShapeRecord
-    ignored: Sequence[str] = ()
-    """Fields of "name", "label" and "metadata" that were sent with other values, and that the shape did not take."""
-    updated: Sequence[str] = ()
-    """Fields that were sent with other values, and that the shape took."""
-
-
-@dataclass(frozen=True)
-class ShapePage:
-    """A page of shapes in the order of adding, and the cursor of the next page."""
-
-    items: list[ShapeRecord]
-    next_cursor: str | None
-
-
-@dataclass(frozen=True)
-class ShapeMatch:
-    """A stored shape and its distance from a query."""
-
-    id: str
-    name: str
-    label: str | None
-    distance: float
-    part: Mapping[str, Any] | None = None
-    """How the query relates to the shape, under a measure of parts: see `Comparison.as_dict`."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the match as JSON values."""
-        return dict(vars(self)) | {"part": dict(self.part) if self.part else None}
 
 
 @dataclass(frozen=True)
@@ -129,6 +58,15 @@ class JobRecord:
     def finished(self) -> bool:
         """Whether the state is final."""
         return self.state in ENDED_STATES
+
+    def status(self, position: int | None = None) -> JobStatus:
+        """Return what the owner of the job may know."""
+        return JobStatus(
+            self.id, self.kind, self.state, self.stage, self.progress, self.detail, position, self.attempts,
+            JobFailure(**self.error) if self.error else None, self.shape_id, tuple(self.warnings), tuple(self.ignored),
+            self.created_at, self.started_at, self.finished_at,
+            Ranking.from_dict(self.result) if self.result else None,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

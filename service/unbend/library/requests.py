@@ -22,24 +22,17 @@ from unbend.matching.measures import (
 )
 from unbend.matching.partial import PART_MEASURES, PartMeasure
 from unbend.mesh.policy import MeshPolicy
+from unbend.results.jobs import JobKind
+from unbend.results.rankings import DEFAULT_K
+from unbend.results.shapes import IfKnown
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import ALGORITHM_VERSION
 
-DEFAULT_K: Final = 10
 RANKING_MEASURES: Final = (*MEASURES, *PART_MEASURES)
 """The measures by which queries rank shapes."""
 
 MAX_PAIRS: Final = 100
 """Largest number of shapes in a ranking by a measure of whole shapes: each comparison takes milliseconds."""
-
-JobKind = Literal["shape", "query", "file"]
-"""An upload, a query, or the making of a file from a stored shape."""
-
-ShapeOrder = Literal["oldest", "newest"]
-"""The shape that a list begins with."""
-
-IfKnown = Literal["keep", "update"]
-"""Whether a shape that is stored already keeps its name, label and metadata, or takes the new ones."""
 
 FileCall = Literal["mesh", "signature", "flattening", "geodesics", "match"]
 """The kind of file that a job makes of a stored shape."""

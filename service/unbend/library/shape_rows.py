@@ -14,8 +14,7 @@ from sqlalchemy.engine import Row
 from unbend.errors import ChangedError, NotFoundError, ParameterError
 from unbend.library.metadata import read_metadata
 from unbend.library.packing import PackedSignature, unpack_local, unpack_signature
-from unbend.library.records import UNFINISHED_STATES, KnownShape, ShapeMatch, ShapePage, ShapeRecord
-from unbend.library.requests import ShapeOrder, ShapeRequest, UploadKey, decode_parameters, decode_policy
+from unbend.library.requests import ShapeRequest, UploadKey, decode_parameters, decode_policy
 from unbend.library.storage.log_eraser import mark_erased
 from unbend.library.storage.schema import (
     descriptors,
@@ -30,6 +29,9 @@ from unbend.library.storage.schema import (
 )
 from unbend.library.stored_rankings import delete_unused_label
 from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
+from unbend.results.jobs import UNFINISHED_STATES
+from unbend.results.rankings import ShapeMatch
+from unbend.results.shapes import AddedShape, ShapeOrder, ShapePage, ShapeRecord
 from unbend.signature.signature import Signature
 
 MAX_PAGE = 500
@@ -41,7 +43,7 @@ _COLUMNS = (
     shapes.c.id, shapes.c.name, shapes.c.label, _METADATA, meshes.c.sha256, meshes.c.size,
     signatures.c.parameters, signatures.c.policy, signatures.c.version, signatures.c.area, signatures.c.stress,
     signatures.c.dimension, signatures.c.report, signatures.c.warnings, shapes.c.created_at,
-    shapes.c.updated_at, shapes.c.changed, shapes.c.seq,
+    shapes.c.updated_at, shapes.c.changed.label("revision"), shapes.c.seq,
 )  # fmt: skip
 _JOINED = shapes.join(signatures, shapes.c.signature_id == signatures.c.id).join(
     meshes, signatures.c.mesh_sha256 == meshes.c.sha256
@@ -193,12 +195,13 @@ def add_shape(connection: Connection, computed: ComputedShape, request: ShapeReq
     return get_shape(connection, shape_id)
 
 
-def update_known(connection: Connection, shape: ShapeRecord, request: ShapeRequest) -> KnownShape:
+def update_known(connection: Connection, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
     """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
     different = {name: value for name, value in request.changes.items() if getattr(shape, name) != value}
     if different and request.if_known == "update":
-        return KnownShape(change_shape(connection, shape.id, different), updated=sorted(different))
-    return KnownShape(shape, ignored=sorted(different))
+        changed = change_shape(connection, shape.id, different)
+        return AddedShape.of(changed, is_new=False, updated=sorted(different))
+    return AddedShape.of(shape, is_new=False, ignored=sorted(different))
 
 
 def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:
@@ -347,7 +350,7 @@ def remove_shape(connection: Connection, shape_id: str, expected: Collection[int
 
 def _expect(connection: Connection, shape_id: str, expected: Collection[int] | None) -> ShapeRecord:
     record = get_shape(connection, shape_id)
-    if expected is not None and record.changed not in expected:
+    if expected is not None and record.revision not in expected:
         raise ChangedError(f"shape {shape_id} was changed since it was read")
     return record
 

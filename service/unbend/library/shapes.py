@@ -10,10 +10,10 @@ from typing import Any, TypeVar, get_args
 from unbend.errors import ParameterError, check_choice
 from unbend.library import shape_rows
 from unbend.library.metadata import check_changes
-from unbend.library.records import KnownShape, ShapePage, ShapeRecord
-from unbend.library.requests import ShapeOrder, ShapeRequest, Upload, UploadKey
+from unbend.library.requests import ShapeRequest, Upload, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.store import Store
+from unbend.results.shapes import AddedShape, ShapeOrder, ShapePage, ShapeRecord
 from unbend.signature.signature import Signature
 
 T = TypeVar("T")
@@ -107,16 +107,18 @@ class Shapes:
         """Store packed local signatures of a shape; do nothing if the shape was removed."""
         self._store.change(partial(shape_rows.put_local, shape_id=shape_id, payload=payload))
 
-    def add(self, upload: Upload, computed: ComputedShape, request: ShapeRequest) -> ShapeRecord:
-        """Store an upload and its results; return the new shape, or the stored shape with the same key."""
+    def add(self, upload: Upload, computed: ComputedShape, request: ShapeRequest) -> AddedShape:
+        """Store an upload and its results, or do as `update_known` does if a shape with its key is stored already."""
 
-        def add(connection: Any) -> ShapeRecord:
+        def add(connection: Any) -> AddedShape:
+            if known := shape_rows.find_shape(connection, computed.key):
+                return shape_rows.update_known(connection, known, request)
             shape_rows.put_mesh(connection, upload.key.sha256, upload.data)
-            return shape_rows.add_shape(connection, computed, request)
+            return AddedShape.of(shape_rows.add_shape(connection, computed, request), is_new=True)
 
         return self._store.change(add)
 
-    def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> KnownShape:
+    def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
         """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
         return self._store.change(partial(shape_rows.update_known, shape=shape, request=request))
 

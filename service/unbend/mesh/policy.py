@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, get_args
+from typing import Any, ClassVar, Final, Literal, get_args
 
 from unbend.errors import ParameterError, check_choice
 from unbend.jsons import JsonObject
@@ -68,3 +69,7 @@ class MeshPolicy(JsonObject):
 
 def _is_whole(value: object, lowest: int, highest: float = math.inf) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and lowest <= value <= highest
+
+
+PolicyLike = MeshPolicy | Mapping[str, Any] | None
+"""A policy, some of its fields, or None for the defaults."""

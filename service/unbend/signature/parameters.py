@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Final, Literal, get_args
 
@@ -139,3 +140,7 @@ def _check_int(name: str, value: object, least: int, most: int, other: str = "")
 def _check_share(name: str, value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
         raise ParameterError(f"{name} must be a number above 0 and below 1, not {value!r}")
+
+
+ParametersLike = Parameters | Mapping[str, Any] | None
+"""Parameters, some of their fields, or None for the defaults."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from unbend.mesh.sources import MeshSource
 from unbend.mesh.surface import Surface
 from unbend.progress import Progress, ProgressCallback, ignore
 from unbend.signature.connectivity import signature_faces
-from unbend.signature.parameters import MAX_SAMPLES, Parameters
+from unbend.signature.parameters import MAX_SAMPLES, Parameters, ParametersLike
 from unbend.signature.signature import Signature
 from unbend.tolerances import DOUBTFUL_ASYMMETRY
 
@@ -43,7 +42,7 @@ _MANY_ITERATIONS = 100  # after this many iterations, progress shows half of the
 
 def compute_signature(
     surface: MeshSource,
-    parameters: Parameters | Mapping[str, Any] | None = None,
+    parameters: ParametersLike = None,
     *,
     progress: ProgressCallback | None = None,
     threads: int | None = None,

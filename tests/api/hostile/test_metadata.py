@@ -60,7 +60,7 @@ def test_oversized_metadata_is_refused_over_http_and_in_the_library(server, shap
             library.add(small_mesh(1), metadata=value)
         kept = add(library, b"data", "kept")
         with pytest.raises(ParameterError, match=said):
-            library.change(kept.id, {"metadata": value})
+            library.change(kept.id, metadata=value)
 
 
 def test_metadata_within_the_limits_is_returned_unchanged(server, shape):

@@ -66,7 +66,7 @@ def done(future: Future[T | None]) -> T:
 def fill(library: Library) -> None:
     """Store shapes, jobs and keys."""
     flat = library.add(octahedron(0.5), name="flät/=1", label="octahedron", parameters=FEW)
-    library.change(flat.id, {"label": "pressed", "metadata": {"seen": True}})
+    library.change(flat.id, label="pressed", metadata={"seen": True})
     library.remove(library.add(octahedron(0.8), name="gone", label="octahedron", parameters=FEW).id)
     uploaded = started(library, 1.0, described("uploaded"))
     mesh = StoredMesh(library.url, uploaded.mesh_sha256 or "", "off", uploaded.policy)

@@ -15,15 +15,15 @@ from starlette.responses import StreamingResponse
 
 from unbend.api.middleware.methods import HEAD
 from unbend.api.schema.problems import MediaTypeError
-from unbend.library.records import ShapeRecord
 from unbend.mesh.formats import FORMATS, WrittenFormat
+from unbend.results.shapes import ShapeRecord
 
 _TAG: Final = re.compile(r'(W/)?"([\x21\x23-\x7e\x80-\xff]*)"')
 
 
 def etag_of(record: ShapeRecord) -> str:
     """Return the entity tag of a shape's record, which differs after each change."""
-    return f'"{record.id}.{record.changed}"'
+    return f'"{record.id}.{record.revision}"'
 
 
 def is_known(headers: Headers, tag: str) -> bool:

@@ -29,8 +29,8 @@ from unbend.api.schema.models import Forgotten, Job, JobList, JobSummary
 from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import Service, ServiceDependency
 from unbend.library.jobs import JobFilter
-from unbend.library.records import JobRecord, JobState
-from unbend.library.requests import JobKind
+from unbend.library.records import JobRecord
+from unbend.results.jobs import JobKind, JobState
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 

@@ -12,8 +12,9 @@ from unbend.api.schema.models import ClassCount, ClassList, EvaluationResult, Sh
 from unbend.api.schema.problems import pointing_at, problem_responses
 from unbend.api.server.service import ServiceDependency
 from unbend.jobs.worker import library_evaluation, library_map
-from unbend.library.search.overview import MAP_LIMIT, MapDistance, MapOptions
+from unbend.library.search.overview import MAP_LIMIT, MapOptions
 from unbend.matching.measures import DEFAULT_MEASURE, get_vector_measure
+from unbend.results.maps import MapDistance
 from unbend.signature.parameters import Parameters
 
 router = APIRouter(tags=["library"])
@@ -27,7 +28,8 @@ ParametersQuery = Annotated[
 @router.get("/classes", responses={200: {"links": members_of_class()}})
 def list_classes(service: ServiceDependency) -> ClassList:
     """List the classes with their numbers of shapes."""
-    return ClassList(items=[ClassCount(label=label, count=count) for label, count in service.library.labels().items()])
+    classes = [ClassCount(label=label, count=count) for label, count in service.library.labels().items()]
+    return ClassList(items=classes, shapes=service.library.count())
 
 
 @router.get(
@@ -69,7 +71,7 @@ async def get_evaluation(
     """Query the library with every labelled shape, and return how well the rankings find its class."""
     chosen, wanted = _measure(measure), _parameters(parameters)
     found = await service.runner.call(library_evaluation, service.library.url, chosen, wanted, lane="large")
-    return EvaluationResult.model_validate({"measure": measure, **found})
+    return EvaluationResult.model_validate(found)
 
 
 def _measure(name: str) -> str:

@@ -19,10 +19,10 @@ from unbend.api.schema.headers import ETAG
 from unbend.api.schema.problems import problem_responses
 from unbend.api.server.service import ServiceDependency
 from unbend.jobs.worker import draw_picture, viewer_file, viewer_file_of
-from unbend.library.records import ShapeRecord
 from unbend.render.colours import ThemeName
 from unbend.render.display import MOST_FACES
 from unbend.render.request import Format, PictureRequest, Subject
+from unbend.results.shapes import ShapeRecord
 
 router = APIRouter(tags=["shapes"])
 

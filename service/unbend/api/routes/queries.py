@@ -31,9 +31,10 @@ from unbend.api.schema.problems import MediaTypeError, problem_responses
 from unbend.api.server.service import Service, ServiceDependency
 from unbend.errors import BusyError, ParameterError
 from unbend.library.records import JobRecord
-from unbend.library.requests import DEFAULT_K, QueryRequest
+from unbend.library.requests import QueryRequest
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.results.rankings import DEFAULT_K
 
 router = APIRouter(prefix="/queries", tags=["queries"])
 

@@ -45,11 +45,10 @@ from unbend.jobs.worker import (
     geodesic_floats,
     geodesics_from,
 )
-from unbend.library import records
 from unbend.library.jobs import Sender
-from unbend.library.records import ShapeRecord
-from unbend.library.requests import FileRequest, IfKnown, ShapeOrder, ShapeRequest
+from unbend.library.requests import FileRequest, ShapeRequest
 from unbend.names import MAX_TEXT
+from unbend.results.shapes import AddedShape, IfKnown, ShapeOrder, ShapeRecord
 from unbend.signature.export import export_signature
 
 router = APIRouter(prefix="/shapes", tags=["shapes"])
@@ -116,7 +115,7 @@ async def upload_shape(
     upload = await read_upload(file, parameters, policy)
     sender, key = sender_of(request, upload, shape_request, callback), key_of(request)
     found = await service.runner.submit_shape(upload, shape_request, sender, key.most_jobs if key else None)
-    if isinstance(found, records.KnownShape):
+    if isinstance(found, AddedShape):
         return JSONResponse(KnownShape.of_known(found).model_dump(mode="json"))
     return await accepted(service, found)
 

@@ -10,13 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from unbend.api.schema.fields import QUERY_CONDITIONS, ClassifierName, Id, MeasureName, Whole
 from unbend.correspondence.match import Turn
 from unbend.correspondence.pieces import Part as PieceOf
-from unbend.library import records
-from unbend.library.records import JobRecord, ShapeRecord
-from unbend.library.requests import JobKind
+from unbend.library.records import JobRecord
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
 from unbend.mesh.formats import WrittenFormat
 from unbend.names import MAX_TEXT
+from unbend.results.jobs import JobKind
+from unbend.results.shapes import AddedShape, ShapeRecord
 
 _WARNINGS: Final = "Reasons why the result may be wrong, and what to do; usually empty."
 _IGNORED: Final = (
@@ -55,6 +55,8 @@ class Shape(BaseModel):
     warnings: list[str] = Field(description=_WARNINGS, examples=[[_WARNING]])
     created_at: datetime
     updated_at: datetime = Field(description="Time of the last change of name, label or metadata.")
+    revision: int = Field(description="Revision of the library that last changed the shape; 0 if none did.")
+    seq: int = Field(description="Place of the shape in the order of adding.")
 
     @classmethod
     def of(cls, record: ShapeRecord) -> Self:
@@ -72,10 +74,10 @@ class KnownShape(Shape):
     )
 
     @classmethod
-    def of_known(cls, known: records.KnownShape) -> Self:
+    def of_known(cls, known: AddedShape) -> Self:
         """Make the response for a shape that was stored already."""
         return cls.model_validate(
-            Shape.of(known.shape).model_dump() | {"ignored": list(known.ignored), "updated": list(known.updated)}
+            Shape.of(known).model_dump() | {"ignored": list(known.ignored), "updated": list(known.updated)}
         )
 
 
@@ -264,6 +266,7 @@ class ClassList(BaseModel):
     """The classes of the library."""
 
     items: list[ClassCount]
+    shapes: int = Field(description="Number of all shapes, also of those without a class.")
 
 
 class MapItem(BaseModel):

@@ -15,11 +15,11 @@ from typing import Any, Final
 from sqlalchemy import Connection
 
 from unbend.errors import ParameterError
-from unbend.library.records import ShapeRecord
 from unbend.library.shape_rows import MAX_PAGE, get_file, list_shapes
 from unbend.library.storage.store import Store
 from unbend.mesh.formats import FORMATS
 from unbend.mesh.formats.detect import detect_format
+from unbend.results.shapes import ShapeRecord
 
 LABELS: Final = "labels.csv"
 _COLUMNS: Final = (

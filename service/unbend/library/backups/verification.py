@@ -19,12 +19,11 @@ import numpy as np
 from unbend.errors import BackupError
 from unbend.library.metadata import read_metadata
 from unbend.library.packing import unpack_local, unpack_signature
-from unbend.library.records import UNFINISHED_STATES, JobState
-from unbend.library.requests import JobKind
 from unbend.library.storage.schema import metadata
 from unbend.library.stored_rankings import is_packed
 from unbend.local.signatures import RUNGS
 from unbend.mesh.policy import MeshPolicy
+from unbend.results.jobs import UNFINISHED_STATES, JobKind, JobState
 from unbend.signature.parameters import Parameters
 
 _PIECE: Final = 2**20

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from unbend.library.requests import QueryRequest
 from unbend.library.search.index import IndexKey, SearchIndex
-from unbend.library.search.overview import MapOptions, ShapeMap, evaluation_of, map_of, select
+from unbend.library.search.overview import MapOptions, evaluation_of, map_of, select
 from unbend.library.search.parts import PartIndex, rank_parts
-from unbend.library.search.ranking import Ranking, rank
+from unbend.library.search.ranking import rank
 from unbend.library.storage.store import Store
-from unbend.matching.evaluate import Evaluation
 from unbend.matching.measures import VectorMeasure, get_vector_measure
 from unbend.matching.measures.vectors import SURFACE_MOMENTS
+from unbend.results.evaluations import EvaluationResult
+from unbend.results.maps import ShapeMap
+from unbend.results.rankings import Ranking
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import ALGORITHM_VERSION, Signature
 
-__all__ = ["MapOptions", "Ranking", "Search", "ShapeMap"]
+__all__ = ["MapOptions", "Search"]
 
 
 class Search:
@@ -43,7 +45,7 @@ class Search:
             return rank_parts(self._store, self._parts, query, request)
         return rank(self._store, self._index, query, request)
 
-    def evaluation(self, measure: str, parameters: Parameters | None = None) -> Evaluation:
+    def evaluation(self, measure: str, parameters: Parameters | None = None) -> EvaluationResult:
         """Evaluate retrieval among the labelled shapes computed with `parameters`.
 
         Raises

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal, get_args
+from dataclasses import dataclass
+from typing import Final, get_args
 
 import numpy as np
 from sqlalchemy import Connection
 
 from unbend.arrays import Indices, Singles
 from unbend.errors import ParameterError, check_choice
-from unbend.library.records import ShapeMatch
 from unbend.library.search.index import Snapshot
 from unbend.library.shape_rows import get_matches
 from unbend.matching.class_map import class_map
-from unbend.matching.evaluate import Evaluation, evaluate
+from unbend.matching.evaluate import evaluate
 from unbend.matching.gallery import UNLABELLED
 from unbend.matching.measures import VectorMeasure
 from unbend.matching.measures.protocol import squared
 from unbend.matching.measures.vectors import SURFACE_MOMENTS
+from unbend.results.evaluations import EvaluationResult
+from unbend.results.maps import MapDistance, MapItem, ShapeMap
+from unbend.results.rankings import ShapeMatch
 
 MAP_LIMIT: Final = 5000
 """Largest number of shapes on a map by default."""
 
 _PAIRS: Final = 20_000_000
 """Largest number of distances that an evaluation computes. In large libraries, not every shape is a query."""
-
-
-MapDistance = Literal["l1", "squared_l2"]
 
 
 @dataclass(frozen=True)
@@ -44,37 +43,6 @@ class MapOptions:
             if getattr(self, name) < 1:
                 raise ParameterError(f"{name} must be at least 1, not {getattr(self, name)}")
         check_choice("distance", self.distance, get_args(MapDistance))
-
-
-@dataclass(frozen=True)
-class MapItem:
-    """A shape and its point on the map."""
-
-    id: str
-    name: str
-    label: str | None
-    point: Sequence[float]
-    """Coordinates on the map, computed with the chosen measure."""
-    original: Sequence[float]
-    """Coordinates on a second map, computed from the surface in space. Fig. 8 of the paper shows both side by side."""
-
-
-@dataclass(frozen=True)
-class ShapeMap:
-    """Shapes as points whose distances approximate those of their descriptors (the paper's Fig. 8)."""
-
-    measure: str
-    stress: float
-    """Stress of the map computed with the chosen measure (eq. 2 of the paper)."""
-    original_stress: float
-    """Stress of the map computed from the surfaces in space."""
-    count: int
-    """Number of shapes that the map's shapes were chosen from."""
-    items: list[MapItem]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the map as plain JSON values, in the form of the HTTP contract."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -115,7 +83,7 @@ def _searchable(snapshot: Snapshot) -> Indices:
     return np.delete(snapshot.seqs, snapshot.excluded)
 
 
-def evaluation_of(snapshot: Snapshot, measure: VectorMeasure) -> Evaluation:
+def evaluation_of(snapshot: Snapshot, measure: VectorMeasure) -> EvaluationResult:
     """Rank the other labelled shapes for every labelled shape, or for as many of them as `_PAIRS` allows.
 
     Raises
@@ -132,4 +100,5 @@ def evaluation_of(snapshot: Snapshot, measure: VectorMeasure) -> Evaluation:
         queries = np.linspace(0, len(labelled) - 1, affordable).astype(np.int64)
     distances = measure.between(vectors[queries], vectors)
     labels = [gallery.labels[code] for code in gallery.codes[labelled]]
-    return evaluate(distances, [labels[query] for query in queries], labels, own=queries)
+    found = evaluate(distances, [labels[query] for query in queries], labels, own=queries)
+    return EvaluationResult.of(measure.name, found)

@@ -13,7 +13,6 @@ from unbend.arrays import Floats, Indices
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library import shape_rows
 from unbend.library.requests import QueryRequest
-from unbend.library.search.ranking import Ranking
 from unbend.library.storage.schema import library_state, local_signatures, shapes, signatures
 from unbend.library.storage.store import Store
 from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
@@ -22,6 +21,7 @@ from unbend.matching.classification.calibration import confidences
 from unbend.matching.partial import Load, PartSearch, Profiles, profiles_of, search_parts
 from unbend.matching.partial.calibration import EXPONENT, MEMBERS, SLACK, unfamiliarity
 from unbend.matching.selection import smallest
+from unbend.results.rankings import PartRelation, Ranking
 from unbend.signature.signature import Signature
 
 _AT_A_TIME = 256
@@ -150,9 +150,9 @@ def _known(
     return None if ratio is None else ratio <= SLACK
 
 
-def _part(found: PartSearch, row: int) -> dict[str, object] | None:
+def _part(found: PartSearch, row: int) -> PartRelation | None:
     compared = found.comparisons.get(row)
-    return compared.as_dict() if compared else None
+    return PartRelation.of(compared) if compared else None
 
 
 def _classes(labels: Sequence[str | None], distances: Floats) -> list[ClassMatch]:

@@ -3,47 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from sqlalchemy import Connection
 
 from unbend.errors import NotFoundError
 from unbend.library import shape_rows
-from unbend.library.records import ShapeMatch
 from unbend.library.requests import QueryRequest
 from unbend.library.search.index import IndexKey, SearchIndex
 from unbend.library.storage.store import Store
-from unbend.matching.classification import ClassMatch, classify
+from unbend.matching.classification import classify
 from unbend.matching.measures import PairMeasure, VectorMeasure
 from unbend.matching.rerank import SHORTLIST, rerank
 from unbend.matching.selection import smallest
+from unbend.results.rankings import Ranking, ShapeMatch
 from unbend.signature.signature import Signature
 from unbend.tolerances import PIECE_BOUNDARY
-
-
-@dataclass(frozen=True)
-class Ranking:
-    """The classes and shapes nearest to a query, best first."""
-
-    measure: str
-    classes: Sequence[ClassMatch]
-    shapes: Sequence[ShapeMatch]
-    known: bool | None
-    """Whether the query is near enough to the best class to belong to it; None if the class has a single member."""
-    warnings: Sequence[str] = ()
-    """Reasons why the ranking may be wrong, and what to do."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the ranking as plain JSON values, in the form of the HTTP contract."""
-        return {  # `asdict` takes longer for a thousand classes than the search
-            "measure": self.measure,
-            "classes": [dict(vars(match)) for match in self.classes],
-            "shapes": [match.as_dict() for match in self.shapes],
-            "known": self.known,
-            "warnings": list(self.warnings),
-        }
 
 
 def rank(store: Store, index: SearchIndex, query: Signature | str, request: QueryRequest) -> Ranking:

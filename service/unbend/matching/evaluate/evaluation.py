@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -13,29 +13,10 @@ from unbend.brief import brief, counted, noted
 from unbend.errors import ParameterError, UnsuitedError
 from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
+from unbend.matching.evaluate.summary import ClassMetrics, Confusion, EvaluationSummary
 
 _MAX_CONFUSION_CLASSES: Final = 1000
-"""Largest number of classes for which `as_dict` includes the confusion matrix: n classes need n^2 counts."""
-
-
-@dataclass(frozen=True)
-class ClassMetrics:
-    """The results of the queries of one class."""
-
-    label: str
-    queries: int
-    """The number of queries, including those without a signature."""
-    members: int
-    """The number of shapes of the class in the gallery, including queries that are left out of their own ranking."""
-    accuracy: float
-    """The share of queries whose nearest shape belongs to this class. A query without a signature counts as wrong."""
-    metrics: RetrievalMetrics | None
-    """None if no query with a signature has another shape of the class in the gallery."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values. Metrics are fields of the same object, and None if there are none."""
-        counts = {name: getattr(self, name) for name in ("label", "queries", "members", "accuracy")}
-        return counts | _metrics_as_dict(self.metrics)
+"""Largest number of classes for which a summary has the confusion matrix: n classes need n^2 counts."""
 
 
 @dataclass(frozen=True)
@@ -83,27 +64,19 @@ class Evaluation:
         """The rows of the queries whose nearest shape belongs to another class."""
         return np.flatnonzero(self.query_classes != self.nearest_classes)
 
+    @property
+    def summary(self) -> EvaluationSummary:
+        """The results without the rows of single queries. For more than 1000 classes, it has no confusion matrix."""
+        confusion = None
+        if len(self.labels) <= _MAX_CONFUSION_CLASSES:
+            confusion = Confusion(self.labels, tuple(map(tuple, self.confusion.tolist())))
+        return EvaluationSummary(
+            self.metrics, self.accuracy, self.queries, self.unanswered, self.classes, confusion, self.precision_recall
+        )
+
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values. The metrics are fields of the same object.
-
-        The confusion matrix is None for more than 1000 classes.
-        """
-        return _metrics_as_dict(self.metrics) | {
-            "accuracy": self.accuracy,
-            "queries": self.queries,
-            "unanswered": self.unanswered,
-            "classes": [row.as_dict() for row in self.classes],
-            "confusion": self._confusion_as_dict(),
-            "precision_recall": {
-                "recall": list(self.precision_recall.recall),
-                "precision": list(self.precision_recall.precision),
-            },
-        }
-
-    def _confusion_as_dict(self) -> dict[str, Any] | None:
-        if len(self.labels) > _MAX_CONFUSION_CLASSES:
-            return None
-        return {"labels": list(self.labels), "counts": self.confusion.tolist()}
+        """Return the summary as plain JSON values."""
+        return self.summary.as_dict()
 
 
 def evaluate(
@@ -208,7 +181,3 @@ def _check_own(own: Indices, queries: Codes, gallery: Codes) -> None:
         raise ParameterError(f"query {np.flatnonzero(gallery[own] != queries)[0]} has another class in the gallery")
     if not (np.bincount(gallery)[queries] > 1).any():
         raise UnsuitedError("no class has two members: there is nothing to retrieve")
-
-
-def _metrics_as_dict(metrics: RetrievalMetrics | None) -> dict[str, float | None]:
-    return asdict(metrics) if metrics else dict.fromkeys(field.name for field in fields(RetrievalMetrics))

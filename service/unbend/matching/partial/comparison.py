@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -66,13 +66,6 @@ class Comparison:
             self, self.relation, f"distance {self.distance:.3g}", f"covered {self.covered:.3g}",
             f"matched {self.matched:.3g}", f"scale {self.scale:.3g}",
         )  # fmt: skip
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what a ranking says about a shape, as JSON values."""
-        return {
-            "relation": self.relation, "covered": self.covered, "matched": self.matched, "residual": self.residual,
-            "scale": self.scale, "centre": list(self.centre), "place": list(self.place),
-        }  # fmt: skip
 
 
 def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0) -> Comparison:

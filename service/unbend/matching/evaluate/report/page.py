@@ -10,7 +10,7 @@ from typing import Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from unbend.arrays import Floats
-from unbend.matching.evaluate.evaluation import ClassMetrics, Evaluation
+from unbend.matching.evaluate.evaluation import Evaluation
 from unbend.matching.evaluate.report.charts import (
     ClassMapChart,
     ConfusionChart,
@@ -21,6 +21,7 @@ from unbend.matching.evaluate.report.charts import (
 )
 from unbend.matching.evaluate.report.pictures import ShapePicture, select_pictures
 from unbend.matching.evaluate.separation import Clusters, Separation
+from unbend.matching.evaluate.summary import ClassMetrics
 
 _METRIC_NAMES: Final = {"nn": "NN", "ft": "FT", "st": "ST", "e": "E", "dcg": "DCG", "map": "mAP"}
 

@@ -1,0 +1,517 @@
+"""The asynchronous client. `make client` writes the synchronous one, `sync_client.py`, from this file."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar, cast
+
+import httpx
+
+from unbend.client import protocol
+from unbend.client.events import EventReader
+from unbend.client.protocol import POLL_SECONDS
+from unbend.client.retries import RETRY_SECONDS, Attempts
+from unbend.client.uploads import Details, MeshFile, QueryOptions, UploadProgress
+from unbend.correspondence.match import Turn
+from unbend.correspondence.pieces import Part
+from unbend.errors import NotFoundError
+from unbend.matching.classification import ClassMatch
+from unbend.matching.evaluate import RetrievalMetrics
+from unbend.mesh.policy import PolicyLike
+from unbend.mesh.sources import MeshSource
+from unbend.results import (
+    AddedShape,
+    EvaluationResult,
+    JobStatus,
+    PointMap,
+    Ranking,
+    ShapeMap,
+    ShapeMatch,
+    ShapePage,
+    ShapeRecord,
+)
+from unbend.results.jobs import JobKind, JobState
+from unbend.results.maps import MapDistance
+from unbend.results.rankings import DEFAULT_K
+from unbend.results.shapes import IfKnown, ShapeOrder
+from unbend.signature.files import load_signature
+from unbend.signature.parameters import ParametersLike
+from unbend.signature.signature import Signature
+
+_TIMEOUT = httpx.Timeout(POLL_SECONDS + 30.0, connect=10.0)
+
+
+R = TypeVar("R")
+
+
+class AsyncJob(Generic[R]):
+    """A job of the service, such as `submit` returns."""
+
+    def __init__(self, client: AsyncClient, status: JobStatus, shape: AddedShape | None = None) -> None:
+        self._client = client
+        self._status = status
+        self._shape = shape
+
+    @property
+    def id(self) -> str:
+        """The identifier of the job; empty if the shape was stored already, which needs no job."""
+        return self._status.id
+
+    async def status(self) -> JobStatus:
+        """Return the present state of the job."""
+        if not self._status.finished:
+            await self._ask({})
+        return self._status
+
+    async def wait(self, timeout: float | None = None) -> JobStatus:
+        """Return the job once it has ended; TimeoutError after `timeout` seconds, never by default."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while not self._status.finished:
+            patience = POLL_SECONDS if end is None else min(POLL_SECONDS, end - time.monotonic())
+            if patience <= 0:
+                raise TimeoutError(f"job {self.id} is {self._status.state} after {timeout} seconds")
+            await self._ask({"wait": patience})
+        return self._status
+
+    async def events(self) -> AsyncIterator[JobStatus]:
+        """Yield the job at each change of state, stage or progress; the last item is the ended job.
+
+        The events continue after broken connections and restarts of the service, without repetition.
+        """
+        if self._status.finished:
+            yield self._status
+            return
+        async for status in self._client.job_events(self.id):
+            self._status = status
+            yield status
+
+    async def result(self, timeout: float | None = None) -> R:
+        """Return the stored shape of an upload, the ranking of a query, or the file that the job made.
+
+        Raises
+        ------
+        UnbendError
+            The error of a job that failed; JobCancelledError if it was cancelled.
+        TimeoutError
+            If the job has not ended after `timeout` seconds; there is no limit by default.
+        """
+        return cast("R", self._shape or await self._result_of(protocol.outcome(await self.wait(timeout))))
+
+    async def _result_of(self, status: JobStatus) -> AddedShape | Ranking | bytes:
+        if status.kind == "query":
+            return protocol.ranking_of(status)
+        if status.kind == "file":
+            return (await self._client.request("GET", f"{protocol.job_path(self.id)}/file")).content
+        shape = await self._client.get(status.shape_id or "")
+        return AddedShape.of(shape, is_new=not status.ignored, ignored=status.ignored)
+
+    async def cancel(self) -> JobStatus:
+        """Cancel the job and return it; an ended job does not change."""
+        if not self._status.finished:
+            response = await self._client.request("DELETE", protocol.job_path(self.id))
+            self._status = JobStatus.from_dict(response.json())
+        return self._status
+
+    async def _ask(self, params: Mapping[str, float]) -> None:
+        response = await self._client.request("GET", protocol.job_path(self.id), params=params)
+        self._status = JobStatus.from_dict(response.json())
+
+
+class AsyncClient:
+    """A connection to a running service, with the methods and results of `Library`.
+
+    Parameters
+    ----------
+    base_url : str, optional
+        For example "http://127.0.0.1:8000"; by default the environment variable UNBEND_URL.
+    api_key : str, optional
+        By default the environment variable UNBEND_API_KEY.
+    retry_seconds : float, default 600
+        How long a request waits and is repeated while the service is at a limit.
+
+    Raises
+    ------
+    UnbendError
+        By every method, the error that the service reports, of the same class as in the library: for example
+        NotFoundError if there is no such shape or job, and ParameterError if a value is refused. `status` and
+        `problem` have the whole response.
+    ServiceError
+        By every method, if the service cannot be reached. A request is repeated first, if it is safe to repeat it.
+
+    Examples
+    --------
+    >>> async with AsyncClient("http://127.0.0.1:8000") as client:         # doctest: +SKIP
+    ...     await client.add("cat.off", label="cat")
+    ...     (await client.classify("unknown.ply"))[0].label
+    """
+
+    def __init__(
+        self, base_url: str | None = None, api_key: str | None = None, *, retry_seconds: float = RETRY_SECONDS
+    ) -> None:
+        self._retry_seconds = retry_seconds
+        self._http = httpx.AsyncClient(
+            base_url=protocol.address(base_url), headers=protocol.headers(api_key), timeout=_TIMEOUT
+        )
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connection."""
+        await self._http.aclose()
+
+    async def request(self, method: str, path: str, **options: Any) -> httpx.Response:
+        """Send any request of the HTTP API, and repeat it as `Attempts` says."""
+        attempts = Attempts.of(method, httpx.Headers(options.get("headers")), self._retry_seconds)
+        while True:
+            try:
+                response = await self._http.request(method, path, **options)
+                pause = attempts.pause_after(response)
+                if pause is None:
+                    return protocol.checked(response)
+            except httpx.TransportError as error:
+                pause = attempts.pause_after_error(error)
+                if pause is None:
+                    raise protocol.unreachable(self._http.base_url, error) from error
+            except httpx.InvalidURL as error:
+                raise protocol.unreachable(self._http.base_url, error) from error
+            await asyncio.sleep(pause)
+
+    # Shapes
+
+    async def submit(
+        self,
+        source: MeshSource,
+        *,
+        name: str | None = None,
+        label: str | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
+        if_known: IfKnown = "keep",
+        progress: UploadProgress | None = None,
+    ) -> AsyncJob[AddedShape]:
+        """Upload a mesh to store it, and return its job. `add` also waits for the job.
+
+        Parameters
+        ----------
+        source, name, label, metadata, parameters, policy, if_known
+            As for `add`.
+        progress : callable, optional
+            Called with the number of bytes that are sent, and of all bytes to send. A file named by its path is read
+            while it is sent.
+        """
+        details = Details(name, label, metadata, parameters, policy, if_known)
+        with ExitStack() as stack:
+            content = details.content(stack.enter_context(MeshFile.of(source, progress)))
+            response = await self.request("POST", "/v1/shapes", headers=protocol.once(), **content)
+        if response.status_code == httpx.codes.OK:
+            shape = protocol.known_shape(response.json())
+            return AsyncJob(self, protocol.finished(shape), shape)
+        return AsyncJob(self, JobStatus.from_dict(response.json()))
+
+    async def add(
+        self,
+        source: MeshSource,
+        *,
+        name: str | None = None,
+        label: str | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
+        if_known: IfKnown = "keep",
+        timeout: float | None = None,
+        progress: UploadProgress | None = None,
+    ) -> AddedShape:
+        """Upload a mesh, and return the stored shape once the service has computed its signature.
+
+        Parameters
+        ----------
+        source : bytes, str, Path, binary file, Surface, pair of arrays, or mesh object
+            A mesh, as `read_mesh` takes it.
+        name : str, optional
+            By default the stem of the file's name, or "unnamed".
+        label : str, optional
+            The known class of the shape.
+        metadata : dict, optional
+            JSON values.
+        parameters : Parameters or mapping, optional
+        policy : MeshPolicy or mapping, optional
+            How to read the mesh.
+        if_known : {"keep", "update"}
+            Whether a shape that is stored already, from the same file with the same parameters and policy, keeps its
+            name, label and metadata, or takes the new ones.
+        timeout : float, optional
+            Seconds to wait for the service; no limit by default.
+        progress : callable, optional
+            Called with the number of bytes that are sent, and of all bytes to send.
+
+        Raises
+        ------
+        MeshError
+            If the mesh cannot be read or computed.
+        ParameterError
+            If the name, label or metadata cannot be stored.
+        TimeoutError
+            After `timeout` seconds.
+        """
+        job = await self.submit(
+            source, name=name, label=label, metadata=metadata, parameters=parameters, policy=policy,
+            if_known=if_known, progress=progress,
+        )  # fmt: skip
+        return await job.result(timeout)
+
+    async def get(self, shape_id: str) -> ShapeRecord:
+        """Return a shape; NotFoundError if there is none of this id."""
+        return ShapeRecord.from_dict((await self.request("GET", protocol.shape_path(shape_id))).json())
+
+    async def page(
+        self,
+        *,
+        label: str | None = None,
+        sha256: str | None = None,
+        name: str | None = None,
+        order: ShapeOrder = "oldest",
+        cursor: str | None = None,
+        limit: int = 100,
+    ) -> ShapePage:
+        """Return up to `limit` (at most 500) shapes after `cursor`, in the order of adding or in reverse.
+
+        Parameters
+        ----------
+        label : str, optional
+            Only shapes of this class.
+        sha256 : str, optional
+            Only shapes made from the file with this hash.
+        name : str, optional
+            Only shapes whose name contains this text, in either case.
+        order : {"oldest", "newest"}
+            The shape that comes first.
+        cursor : str, optional
+            `next_cursor` of the page before, in the same order.
+        limit : int, default 100
+        """
+        params = protocol.given(label=label, sha256=sha256, name=name, order=order, cursor=cursor, limit=limit)
+        return ShapePage.from_dict((await self.request("GET", "/v1/shapes", params=params)).json())
+
+    async def iter_shapes(
+        self, *, label: str | None = None, name: str | None = None, order: ShapeOrder = "oldest"
+    ) -> AsyncIterator[ShapeRecord]:
+        """Yield all shapes, those of one class, or those whose name contains a text, in the order of adding."""
+        cursor: str | None = None
+        while True:
+            page = await self.page(label=label, name=name, order=order, cursor=cursor)
+            for shape in page.items:
+                yield shape
+            cursor = page.next_cursor
+            if cursor is None:
+                return
+
+    def __aiter__(self) -> AsyncIterator[ShapeRecord]:
+        return self.iter_shapes()
+
+    async def has(self, shape_id: str) -> bool:
+        """Return whether there is a shape of this id."""
+        try:
+            await self.get(shape_id)
+        except NotFoundError:
+            return False
+        return True
+
+    async def count(self) -> int:
+        """Return the number of shapes."""
+        return int((await self.request("GET", "/v1/classes")).json()["shapes"])
+
+    async def labels(self) -> dict[str, int]:
+        """Return the number of shapes of each class."""
+        return {item["label"]: item["count"] for item in (await self.request("GET", "/v1/classes")).json()["items"]}
+
+    async def change(self, shape_id: str, **changes: Any) -> ShapeRecord:
+        """Set some of a shape's `name`, `label` (None for no class) and `metadata`, and return the shape."""
+        response = await self.request("PATCH", protocol.shape_path(shape_id), json=changes)
+        return ShapeRecord.from_dict(response.json())
+
+    async def remove(self, shape_id: str) -> None:
+        """Remove a shape, its signature, descriptors and file."""
+        await self.request("DELETE", protocol.shape_path(shape_id))
+
+    async def mesh(self, shape_id: str) -> bytes:
+        """Return the file that a shape was made from, byte for byte."""
+        return (await self.request("GET", f"{protocol.shape_path(shape_id)}/mesh")).content
+
+    async def signature(self, shape_id: str) -> Signature:
+        """Return a shape's signature."""
+        path = f"{protocol.shape_path(shape_id)}/signature"
+        return load_signature((await self.request("GET", path, params={"format": "npz"})).content)
+
+    # Queries
+
+    async def rank(
+        self,
+        query: MeshSource,
+        *,
+        measure: str | None = None,
+        classifier: str | None = None,
+        k: int = DEFAULT_K,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
+        timeout: float | None = None,
+        progress: UploadProgress | None = None,
+    ) -> Ranking:
+        """Rank classes and the `k` nearest shapes.
+
+        Parameters
+        ----------
+        query : str, or mesh as for `add`
+            The id of a stored shape, which is then not among the results; or a mesh, which is not stored.
+        measure, classifier : str, optional
+            By default those of the service. `Library.rank` lists them.
+        k : int
+            Number of shapes to return; all classes are returned.
+        parameters, policy : optional
+            As for `add`, for a query that is a mesh.
+        timeout, progress : optional
+            As for `add`.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such shape or file.
+        ParameterError
+            If there is no such measure or classifier, or `k` is out of range; UnsuitedError if the classifier needs
+            more labels.
+        MeshError
+            If the mesh cannot be read or computed.
+        """
+        options = QueryOptions(measure, classifier, k)
+        shape_id = protocol.stored(query)
+        if shape_id is not None:
+            response = await self.request("POST", "/v1/queries", json=options.of_shape(shape_id))
+            return Ranking.from_dict(response.json())
+        with ExitStack() as stack:
+            content = options.content(stack.enter_context(MeshFile.of(query, progress)), parameters, policy)
+            response = await self.request("POST", "/v1/queries", headers=protocol.once() | protocol.IN_PLACE, **content)
+        if response.status_code == httpx.codes.OK:
+            return Ranking.from_dict(response.json())
+        job = AsyncJob[Ranking](self, JobStatus.from_dict(response.json()))
+        return await job.result(timeout)
+
+    async def nearest(
+        self,
+        query: MeshSource,
+        k: int = DEFAULT_K,
+        *,
+        measure: str | None = None,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
+    ) -> Sequence[ShapeMatch]:
+        """Return the `k` nearest shapes, as `rank` finds them."""
+        return (await self.rank(query, measure=measure, k=k, parameters=parameters, policy=policy)).shapes
+
+    async def classify(
+        self,
+        query: MeshSource,
+        *,
+        measure: str | None = None,
+        classifier: str | None = None,
+        parameters: ParametersLike = None,
+        policy: PolicyLike = None,
+    ) -> Sequence[ClassMatch]:
+        """Return the classes, the most likely first, as `rank` finds them."""
+        ranking = await self.rank(
+            query, measure=measure, classifier=classifier, k=1, parameters=parameters, policy=policy
+        )
+        return ranking.classes
+
+    async def match(
+        self,
+        a: str,
+        b: str,
+        *,
+        orientation: Turn = "keep",
+        part: Part = "auto",
+        samples: int = 300,
+        timeout: float | None = None,
+    ) -> PointMap:
+        """Return for each vertex of the stored shape `a` its point of the stored shape `b`; see `unbend.match`.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such shape.
+        UnsuitedError
+            If the shapes cannot be matched.
+        TimeoutError
+            After `timeout` seconds; there is no limit by default.
+        """
+        wanted = {"a": a, "b": b, "orientation": orientation, "part": part, "samples": samples, "format": "npz"}
+        response = await self.request("POST", "/v1/matches", json=wanted)
+        job = AsyncJob[bytes](self, JobStatus.from_dict(response.json()))
+        return protocol.points(await job.result(timeout))
+
+    async def map(
+        self,
+        measure: str | None = None,
+        *,
+        parameters: ParametersLike = None,
+        dimensions: int = 2,
+        limit: int | None = None,
+        distance: MapDistance = "l1",
+    ) -> ShapeMap:
+        """Embed the shapes so that similar shapes are near each other (the paper's Fig. 8); see `Library.map`."""
+        params = protocol.given(
+            measure=measure, parameters=parameters, dimensions=dimensions, limit=limit, distance=distance
+        )
+        return ShapeMap.from_dict((await self.request("GET", "/v1/map", params=params)).json())
+
+    async def evaluate(self, measure: str | None = None, *, parameters: ParametersLike = None) -> RetrievalMetrics:
+        """Return the retrieval metrics of `evaluation`."""
+        return cast("RetrievalMetrics", (await self.evaluation(measure, parameters=parameters)).metrics)
+
+    async def evaluation(self, measure: str | None = None, *, parameters: ParametersLike = None) -> EvaluationResult:
+        """Evaluate retrieval among the labelled shapes, overall and by class; see `Library.evaluation`."""
+        params = protocol.given(measure=measure, parameters=parameters)
+        return EvaluationResult.from_dict((await self.request("GET", "/v1/evaluation", params=params)).json())
+
+    # Jobs
+
+    async def list_jobs(
+        self, *, state: JobState | None = None, kind: JobKind | None = None, limit: int = 100
+    ) -> list[JobStatus]:
+        """Return at most `limit` (500 at most) jobs, the newest first."""
+        params = protocol.given(state=state, kind=kind, limit=limit)
+        items = (await self.request("GET", "/v1/jobs", params=params)).json()["items"]
+        return [JobStatus.from_dict(item) for item in items]
+
+    async def job(self, job_id: str) -> AsyncJob[AddedShape | Ranking | bytes]:
+        """Return a job by its identifier; NotFoundError if there is none."""
+        return AsyncJob(self, JobStatus.from_dict((await self.request("GET", protocol.job_path(job_id))).json()))
+
+    async def job_events(self, job_id: str) -> AsyncIterator[JobStatus]:
+        """Yield a job at each change until it ends; NotFoundError if there is none of this id."""
+        reader = EventReader(self._http.base_url)
+        while True:
+            broken: Exception | None = None
+            try:
+                path = f"{protocol.job_path(job_id)}/events"
+                async with self._http.stream("GET", path, headers=reader.headers) as response:
+                    if response.is_error:
+                        await response.aread()
+                    if reader.opened(response):
+                        async for line in response.aiter_lines():
+                            if (job := reader.feed(line)) is not None:
+                                yield JobStatus.from_dict(job)
+            except httpx.TransportError as error:
+                broken = error
+            if reader.done:
+                return
+            await asyncio.sleep(reader.interrupted(broken))

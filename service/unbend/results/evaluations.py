@@ -1,0 +1,20 @@
+"""How well the shapes of a library find their own classes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+from unbend.matching.evaluate import Evaluation, EvaluationSummary
+
+
+@dataclass(frozen=True)
+class EvaluationResult(EvaluationSummary):
+    """The results of ranking the other shapes for each labelled shape of a library."""
+
+    measure: str = field(kw_only=True)
+
+    @classmethod
+    def of(cls, measure: str, evaluation: Evaluation) -> Self:
+        """Return the results of an evaluation by a measure."""
+        return cls(**vars(evaluation.summary), measure=measure)

@@ -8,20 +8,28 @@ import numpy as np
 import pytest
 
 import unbend
+from unbend import results
 from unbend.matching.class_map import class_map
 from unbend.matching.evaluate import evaluate
 from unbend.matching.measures import get_vector_measure
-from unbend.mesh.shapes import cylinder, ellipsoid
+from unbend.mesh.shapes import cylinder, ellipsoid, sheet, torus
 
-LONGEST = 140  # characters; a terminal shows two lines of them at most
+LONGEST = 250  # characters, if names are short: a few lines of a narrow terminal
 
 
 @pytest.fixture(scope="module")
-def values() -> dict[str, object]:
+def values(tmp_path_factory) -> dict[str, object]:
     surface = cylinder()
     signature = unbend.compute_signature(surface, {"samples": 30, "method": "classical"})
     body = ellipsoid((1.0, 0.7, 0.4))
     locals_ = unbend.local_signatures(surface, centres=20)
+    comparison = unbend.compare_parts(locals_, locals_)
+    with unbend.Library(str(tmp_path_factory.mktemp("brief") / "library.db")) as library:
+        few = {"samples": 30}
+        members = [(cylinder, "tube"), (sheet, "tube"), (torus, "ring")]
+        added = [library.add(shape(columns=12, rows=6), label=label, parameters=few) for shape, label in members]
+        ranking, shape_map = library.rank(added[0].id), library.map(parameters=few)
+        evaluation, page = library.evaluation(parameters=few), library.page()
     vectors = np.random.default_rng(0).normal(size=(5, 14)).astype(np.float32)
     return {
         "surface": surface,
@@ -33,10 +41,27 @@ def values() -> dict[str, object]:
         "embedding": unbend.embed(np.abs(np.subtract.outer(np.arange(9.0), np.arange(9.0))), 1),
         "diagram": unbend.geodesic_voronoi(surface, [0, 7]),
         "locals": locals_,
-        "comparison": unbend.compare_parts(locals_, locals_),
+        "comparison": comparison,
         "correspondence": unbend.symmetry(body, samples=30),
         "map": class_map(vectors, get_vector_measure("moments")),
         "evaluation": evaluate(np.array([[0.0, 1.0, 2.0]]), ["cat"], ["cat", "dog", "dog"], unanswered=["dog"]),
+        "added": added[0],
+        "record": page.items[0],
+        "page": page,
+        "ranking": ranking,
+        "class": ranking.classes[0],
+        "match": ranking.shapes[0],
+        "part": results.PartRelation.of(comparison),
+        "shapes": shape_map,
+        "item": shape_map.items[0],
+        "result": evaluation,
+        "metrics of a class": evaluation.classes[0],
+        "metrics": evaluation.metrics,
+        "confusion": evaluation.confusion,
+        "precision": evaluation.precision_recall,
+        "points": results.PointMap(np.zeros((9, 3)), np.ones((9, 3)) / 3, np.ones(9), 0.0, True, False),
+        "failure": results.JobFailure("job_timeout", "it took too long"),
+        "job": results.JobStatus("0123456789abcdef", "query", "succeeded", result=ranking),
         "parameters": unbend.Parameters(samples=30, weights="area"),
         "policy": unbend.MeshPolicy(smooth=3),
         "picture": unbend.PictureRequest(path=(0, 3), width=64),
@@ -53,7 +78,8 @@ def test_every_repr_is_one_short_line(values):
 
 
 def test_every_public_type_of_values_is_among_them(values):
-    public = {kind for name in unbend.__all__ if is_dataclass(kind := getattr(unbend, name))}
+    names = [(module, name) for module in (unbend, results) for name in module.__all__]
+    public = {kind for module, name in names if is_dataclass(kind := getattr(module, name))}
     assert public <= {type(value) for value in values.values()}
 
 
@@ -72,6 +98,16 @@ def test_things_are_counted(values):
     assert "2 cells" in repr(values["diagram"])
     assert "9 points in 1 dimension," in repr(values["embedding"])
     assert repr(values["evaluation"]).startswith("Evaluation(2 queries, 2 classes, accuracy 0.5, ")
+
+
+def test_a_ranking_says_what_is_best(values):
+    assert repr(values["ranking"]).startswith("Ranking(spectrum, best class 'tube', ")
+    assert repr(values["ranking"]).endswith("2 shapes, 2 classes)")
+    assert repr(values["shapes"]).startswith("ShapeMap(spectrum, 3 of 3 shapes, stress ")
+    assert repr(values["result"]).startswith("EvaluationResult(spectrum, 3 queries, 2 classes, accuracy ")
+    assert "label='tube'" in repr(values["added"])
+    assert repr(values["page"]) == "ShapePage(3 shapes)"
+    assert repr(values["points"]) == "PointMap(9 of 9 vertices matched, residual 0, oriented)"
 
 
 def test_the_repr_of_parameters_has_what_is_not_default_and_can_be_evaluated(values):

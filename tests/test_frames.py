@@ -12,9 +12,12 @@ from tests.support.server import ply
 from unbend import Library, compute_signature
 from unbend.errors import ParameterError
 from unbend.frames import to_pandas
+from unbend.matching.evaluate import evaluate
 from unbend.mesh.shapes import cylinder, sheet, sphere, torus
+from unbend.results import PartRelation
 
 FEW = {"samples": 40}
+PART = PartRelation("part", 0.5, 1.0, 0.0, 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
 SHAPES = [
     ("flat", sheet(columns=12, rows=6), "sheet"),
     ("rolled", cylinder(columns=12, rows=6), "sheet"),
@@ -57,7 +60,7 @@ def test_a_ranking_of_parts_says_what_the_query_is_to_each_shape(filled):
     library, records = filled
     ranking = library.rank(records[0].id)
     (match, *others) = ranking.shapes
-    shapes = to_pandas(replace(ranking, shapes=[replace(match, part={"relation": "part", "covered": 0.5}), *others]))
+    shapes = to_pandas(replace(ranking, shapes=[replace(match, part=PART), *others]))
     assert "part" not in shapes
     assert shapes.loc[1, "part.relation"] == "part"
     assert np.isnan(shapes.loc[2, "part.covered"])
@@ -83,7 +86,7 @@ def test_a_map_has_the_coordinates_of_each_shape(filled, dimensions):
     assert f"point{dimensions}" not in frame
 
 
-def test_an_evaluation_has_four_tables(filled):
+def test_an_evaluation_has_three_tables(filled):
     library, records = filled
     found = library.evaluation(parameters=records[0].parameters)
     classes = to_pandas(found)
@@ -91,17 +94,23 @@ def test_an_evaluation_has_four_tables(filled):
     assert classes["nn"].tolist() == [row.metrics.nn for row in found.classes]
     confusion = to_pandas(found, "confusion")
     assert confusion.loc["sheet"].sum() == 2
-    assert (confusion.to_numpy() == found.confusion).all()
+    assert confusion.to_numpy().tolist() == [list(row) for row in found.confusion.counts]
     assert (confusion.index.name, confusion.columns.name) == ("label", "nearest")
     assert to_pandas(found, "precision_recall")["precision"].tolist() == list(found.precision_recall.precision)
-    queries = to_pandas(found, "queries")
-    assert (queries["label"] == queries["nearest_label"]).mean() == found.accuracy
-    assert queries["distance"].tolist() == found.nearest_distances.tolist()
+    with pytest.raises(ParameterError, match="more than 1000 classes"):
+        to_pandas(replace(found, confusion=None), "confusion")
+
+
+def test_an_evaluation_of_distances_has_the_same_tables():
+    found = evaluate(np.array([[0.1, 0.9], [0.8, 0.2]]), ["cat", "dog"], ["cat", "dog"])
+    assert to_pandas(found)["label"].tolist() == ["cat", "dog"]
+    assert to_pandas(found, "confusion").to_numpy().tolist() == [[1, 0], [0, 1]]
 
 
 def test_records_have_a_column_for_each_field_and_each_key_of_their_metadata(filled):
-    _, records = filled
-    frame = to_pandas(iter(records))
+    library, records = filled
+    assert to_pandas(library)["id"].tolist() == to_pandas(iter(records))["id"].tolist()
+    frame = to_pandas(records)
     assert frame["id"].tolist() == [record.id for record in records]
     assert frame["metadata.faces"].tolist() == [len(surface.faces) for _, surface, _ in SHAPES]
     assert frame["report.file_type"].tolist() == ["ply"] * len(records)

@@ -19,8 +19,10 @@ from unbend.errors import ParameterError
 from unbend.mesh.shapes import cylinder, sheet, sphere, torus
 from unbend.notebook.html import MOST_MARKS, MOST_ROWS, figure_html, map_html, ranking_html
 from unbend.render.notebook import html_of, thumbnail
+from unbend.results import PartRelation
 
 FEW = {"samples": 40}
+PART = PartRelation("part", 0.5, 1.0, 0.0, 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
 EVIL = "<script>alert('1')</script> & \"quotes\""
 SHAPES = [
     (EVIL, sheet(columns=12, rows=6), EVIL),
@@ -117,6 +119,12 @@ def test_names_and_labels_are_text(library, ranking):
         assert EVIL in "".join(parsed(html).itertext())
 
 
+def test_notebooks_show_rankings_and_maps(library, ranking):
+    assert ranking._repr_html_() == ranking_html(ranking)
+    shape_map = library.map(parameters=Parameters(**FEW))
+    assert shape_map._repr_html_() == map_html(shape_map)
+
+
 def test_a_ranking_is_two_tables(ranking):
     classes, shapes = parsed(ranking_html(ranking)).iter("tbody")
     assert texts(classes, "bdi") == [match.label for match in ranking.classes]
@@ -155,7 +163,7 @@ def test_a_long_ranking_says_how_many_rows_are_missing(ranking):
 
 def test_a_ranking_of_parts_has_a_column_for_them(ranking):
     (match, *others) = ranking.shapes
-    tree = parsed(ranking_html(replace(ranking, shapes=[replace(match, part={"relation": "part"}), *others])))
+    tree = parsed(ranking_html(replace(ranking, shapes=[replace(match, part=PART), *others])))
     assert "the query is" in texts(tree, "th")
     assert "part" in texts(tree, "td")
 

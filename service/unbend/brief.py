@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -37,5 +37,9 @@ def assigned(values: Mapping[str, object]) -> list[str]:
 
 def changed(value: DataclassInstance) -> dict[str, Any]:
     """Return the fields of a dataclass that do not have their default value."""
-    values = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
+    values = {field.name: (getattr(value, field.name), _default(field)) for field in fields(value)}
     return {name: own for name, (own, default) in values.items() if own != default}
+
+
+def _default(field: Field[Any]) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()

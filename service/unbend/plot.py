@@ -21,6 +21,7 @@ from unbend.errors import ParameterError
 from unbend.extras import extra
 from unbend.marks import COLOURS, look_of
 from unbend.mesh.surface import Surface
+from unbend.results import MapItem, Ranking, ShapeMap, ShapeMatch
 from unbend.signature.canonical_form import CanonicalForm, in_space
 from unbend.signature.signature import Signature
 
@@ -115,7 +116,7 @@ def field(surface: Surface, values: ArrayLike, *, label: str = "", colours: str 
     return figure
 
 
-def map(shape_map: Any) -> Figure:  # noqa: A001  so that it reads `plot.map(library.map())`
+def map(shape_map: ShapeMap) -> Figure:  # noqa: A001  so that it reads `plot.map(library.map())`
     """Plot a `ShapeMap` as the paper's Fig. 8: on the left by its measure, on the right by the surfaces in space.
 
     Only the first two dimensions are shown.
@@ -138,7 +139,7 @@ def map(shape_map: Any) -> Figure:  # noqa: A001  so that it reads `plot.map(lib
     return figure
 
 
-def ranking(ranking: Any, *, most: int = MOST_BARS) -> Figure:
+def ranking(ranking: Ranking, *, most: int = MOST_BARS) -> Figure:
     """Plot the distances of the nearest shapes of a `Ranking` as bars, the nearest on top, coloured by class.
 
     Parameters
@@ -172,10 +173,11 @@ def _add_solid(axes: Axes3D, points: Floats, faces: Ints, **style: Any) -> Poly3
     return solid
 
 
-def _labels(items: Iterable[Any]) -> list[str | None]:
+def _labels(items: Iterable[MapItem | ShapeMatch]) -> list[str | None]:
     """Return the classes in alphabetical order; None comes last if a shape has no class."""
     found = {item.label for item in items}
-    return sorted(found - {None}) + [None] * (None in found)
+    named = sorted(label for label in found if label is not None)
+    return [*named, None] if None in found else [*named]
 
 
 def _look(labels: Sequence[str | None], label: str | None) -> dict[str, Any]:

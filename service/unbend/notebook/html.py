@@ -1,6 +1,6 @@
 """Figures, rankings and maps as HTML.
 
-Results are used by their attributes, so that a library and a client may have types of their own.
+Rankings and maps are above this package, and show themselves by its functions. So it knows only their attributes.
 """
 
 from __future__ import annotations

@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from unbend.arrays import Codes, Floats, Indices, Singles, frozen
-from unbend.brief import brief, counted, noted
+from unbend.brief import brief
 from unbend.errors import ParameterError, UnsuitedError
 from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
-from unbend.matching.evaluate.summary import ClassMetrics, Confusion, EvaluationSummary
+from unbend.matching.evaluate.summary import ClassMetrics, Confusion, EvaluationSummary, facts_of
 
 _MAX_CONFUSION_CLASSES: Final = 1000
 """Largest number of classes for which a summary has the confusion matrix: n classes need n^2 counts."""
@@ -46,11 +46,7 @@ class Evaluation:
     """Distance to the nearest shape, (q,)."""
 
     def __repr__(self) -> str:
-        means = "" if self.metrics is None else f"mean average precision {self.metrics.map:.3g}"
-        return brief(
-            self, counted(self.queries, "query", "queries"), counted(len(self.labels), "class", "classes"),
-            f"accuracy {self.accuracy:.3g}", means, noted(self.unanswered, "unanswered query", "unanswered queries"),
-        )  # fmt: skip
+        return brief(self, *facts_of(self))
 
     @property
     def confusion(self) -> Indices:

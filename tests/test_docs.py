@@ -64,8 +64,24 @@ def test_every_measure_is_documented():
 def test_every_dependency_is_explained_in_the_decisions():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     text = (DOCS / "decisions.md").read_text()
-    for requirement in project["dependencies"]:
-        assert re.search(rf"\b{re.escape(re.split('[<>=]', requirement)[0])}\b", text), requirement
+    extras = project["optional-dependencies"]
+    optional = [requirement for extra in extras.keys() - {"test", "bench"} for requirement in extras[extra]]
+    for requirement in (*project["dependencies"], *optional):
+        name = re.split(r"[<>=\[]", requirement)[0]
+        assert re.search(rf"\b{re.escape(name)}\b", text), requirement
+
+
+def test_the_examples_of_the_ecosystem_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", (DOCS / "ecosystem.md").read_text(), re.MULTILINE | re.DOTALL):
+        exec(compile(block, "ecosystem.md", "exec"), names)  # noqa: S102  our own page
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"['{names['labels'][0]}']\n")
+    assert "Surface(" in printed
+    assert "Signature(100 points in 3 dimensions" in printed
+    assert {path.name for path in tmp_path.glob("*.png")} == {"form.png", "field.png", "map.png", "ranking.png"}
+    assert names["html"].count("<img") == 5
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda page: page.name)

@@ -38,6 +38,7 @@
     ├── BusyError                 too many requests of one kind at a time
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
+    ├── ExtraMissingError         a package of an extra is not installed
     ├── IdempotencyError          a different request had the same idempotency key
     └── ServiceError              the service did not respond, or responded with an unknown error
 
@@ -340,6 +341,13 @@ class QuotaError(UnbendError):
     def __init__(self, message: str, retry_after: int = 5) -> None:
         super().__init__(message)
         self.retry_after = retry_after
+
+
+class ExtraMissingError(UnbendError, ImportError):
+    """A package is not installed that only an extra of unbend needs."""
+
+    code = "extra_missing"
+    advice = "Install the extra that the message names."
 
 
 class IdempotencyError(UnbendError, ValueError):

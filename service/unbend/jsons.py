@@ -7,15 +7,22 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar, Self
 
+from unbend.brief import assigned, brief, changed
 from unbend.errors import ParameterError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class JsonObject:
-    """Base of frozen dataclasses that check their own fields, all of them plain JSON values."""
+    """Base of frozen dataclasses that check their own fields, all of them plain JSON values.
+
+    Their `repr` has only the fields that do not have their default value.
+    """
 
     display_name: ClassVar[str]
     """Name of the object in error messages."""
+
+    def __repr__(self) -> str:
+        return brief(self, *assigned(changed(self)))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON values."""

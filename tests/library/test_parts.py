@@ -155,3 +155,14 @@ def test_a_ranking_counts_the_shapes_that_it_cannot_compare(library, part):
     ranking = library.rank(asked(part), measure="partial")
     assert {match.name for match in ranking.shapes} == {"egg", "ring"}
     assert ranking.warnings == ("1 shape of an earlier version was not compared: run `unbend complete` first",)
+
+
+def test_a_ranking_counts_the_shapes_whose_size_is_too_different(library, part):
+    tiny = Surface(1e-3 * EGG.vertices, EGG.faces)
+    library.add(ply(tiny), name="tiny", parameters=FEW)
+    ranking = library.rank(asked(part), measure="partial")
+    assert "tiny" not in {match.name for match in ranking.shapes}
+    (warning,) = ranking.warnings
+    assert warning.startswith("1 shape of a very different size was not compared: ")
+    assert "`partial_any_scale`" in warning
+    assert library.rank(asked(part), measure="partial_any_scale").warnings == ()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unbend.arrays import Bools, Floats, Indices, Ints, frozen
+from unbend.brief import brief, counted
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,13 @@ class Correspondence:
         }  # fmt: skip
         for name, kind in kinds.items():
             object.__setattr__(self, name, frozen(getattr(self, name), kind))
+
+    def __repr__(self) -> str:
+        return brief(
+            self, f"{int(self.matched.sum())} of {counted(len(self.faces), 'vertex', 'vertices')} matched",
+            f"residual {self.residual:.3g}", "oriented" if self.oriented else "not oriented",
+            "ambiguous" if self.ambiguous else "", counted(len(self.candidates), "candidate"),
+        )  # fmt: skip
 
     @property
     def matched(self) -> Bools:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, frozen
+from unbend.brief import brief, noted, spread
 from unbend.embedding.checks import (
     check_distances,
     check_pair_weights,
@@ -59,6 +60,9 @@ class Embedding:
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
         object.__setattr__(self, "eigenvalues", frozen(self.eigenvalues, np.float64))
+
+    def __repr__(self) -> str:
+        return brief(self, spread(self.points.shape), f"stress {self.stress:.3g}", noted(self.iterations, "iteration"))
 
 
 def embed(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, Ints
+from unbend.brief import brief, counted
 from unbend.geodesics.distances import Update, check_update, check_vertices
 from unbend.geodesics.fronts import spherical_radius, spread
 from unbend.geodesics.marching import UNREACHED, front_arrays
@@ -25,6 +26,9 @@ class VoronoiDiagram:
     distances: Floats  # (n,) to the nearest source, in units of the vertices; inf where none is reachable
     nearest: Ints  # (n,) int32: index of the nearest source; -1 where none is reachable
     areas: Floats  # (k,) areas of the cells; each corner of a triangle counts for a third of the triangle
+
+    def __repr__(self) -> str:
+        return brief(self, counted(len(self.areas), "cell"), counted(len(self.nearest), "vertex", "vertices"))
 
 
 def geodesic_voronoi(surface: Surface, sources: ArrayLike, *, update: Update = "spherical") -> VoronoiDiagram:

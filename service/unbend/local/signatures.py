@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from unbend.arrays import Floats, Singles, frozen
+from unbend.brief import brief, counted
 from unbend.errors import MeshGeometryError
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.sampling import sample_farthest
@@ -68,6 +69,13 @@ class LocalSignatures:
     def __post_init__(self) -> None:
         for name in ("places", "growth", "reach", "distances"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float32))
+
+    def __repr__(self) -> str:
+        radii = self.radii
+        return brief(
+            self, counted(len(self.places), "centre"), f"radii {radii[0]:.3g} to {radii[-1]:.3g}",
+            "open" if self.is_open else "closed", f"version {self.version}",
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.places)

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Singles, frozen
+from unbend.brief import brief, spread
 from unbend.descriptors.pose import principal_pose
 from unbend.embedding.embed import embed
 from unbend.embedding.extension import extend
@@ -35,6 +36,9 @@ class ClassMap:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
+
+    def __repr__(self) -> str:
+        return brief(self, spread(self.points.shape), f"stress {self.stress:.3g}")
 
 
 def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, threads: int | None = None) -> ClassMap:

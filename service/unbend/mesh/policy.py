@@ -21,7 +21,7 @@ MOST_ROUNDS: Final = 100
 """Largest number of rounds of smoothing. A round enlarges low frequencies by up to 0.09 %, 100 by less than 10 %."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MeshPolicy(JsonObject):
     """The policy for reading a mesh that is cut along seams, not connected, noisy, or too large.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
+from unbend.brief import assigned, brief, changed, noted
+
 
 @dataclass(frozen=True)
 class MeshReport:
@@ -65,6 +67,11 @@ class MeshReport:
     """Share of the area in the kept component; 1 if all components were kept."""
     warnings: tuple[str, ...] = ()
     """Reasons why the surface may differ from the intended shape, and what to do."""
+
+    def __repr__(self) -> str:
+        found = changed(self)
+        sentences = [noted(len(found.pop(name, ())), name.removesuffix("s")) for name in ("notes", "warnings")]
+        return brief(self, *assigned(found), *sentences)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON values."""

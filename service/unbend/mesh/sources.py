@@ -10,6 +10,7 @@ from typing import Any, BinaryIO, Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from unbend.brief import brief, counted
 from unbend.errors import ParameterError
 from unbend.mesh.formats.ply import write_exactly
 from unbend.mesh.formats.polygons import triangulated
@@ -75,6 +76,9 @@ class MeshBytes:
     data: bytes
     name: str = ""
     """Name of the file; empty if it has none."""
+
+    def __repr__(self) -> str:
+        return brief(self, self.name, counted(len(self.data), "byte"))
 
     @property
     def file_type(self) -> str:

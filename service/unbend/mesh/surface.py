@@ -10,10 +10,12 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, frozen
+from unbend.brief import brief, counted, noted
 from unbend.errors import MeshGeometryError
 from unbend.mesh.areas import triangle_areas
 from unbend.mesh.report import MeshReport
 from unbend.mesh.topology import Edges, find_edges
+from unbend.notebook.pictured import Pictured
 
 LARGEST_EXTENT: Final = 1e140
 """Largest extent of a surface; the smallest is its inverse.
@@ -23,7 +25,7 @@ Squared lengths, areas of thin faces and sums of areas then stay within the rang
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class Surface(Pictured):
     """A triangulated surface, not necessarily closed, connected, oriented or manifold.
 
     Parameters
@@ -58,6 +60,12 @@ class Surface:
         if self.vertex_map is not None:
             object.__setattr__(self, "vertex_map", frozen(self.vertex_map, np.int64))
         self._check_coordinates()
+
+    def __repr__(self) -> str:
+        return brief(
+            self, counted(len(self.vertices), "vertex", "vertices"), counted(len(self.faces), "face"),
+            noted(len(self.report.warnings), "warning"),
+        )  # fmt: skip
 
     @cached_property
     def edges(self) -> Edges:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unbend.arrays import Ints
+from unbend.brief import brief, counted, noted
 from unbend.jit import inlined, kernel
 
 
@@ -21,6 +22,9 @@ class Edges:
     order: Ints  # (3 m,) int32
     starts: Ints  # (e,) int32
     counts: Ints  # (e,) int32
+
+    def __repr__(self) -> str:
+        return brief(self, counted(len(self.starts), "edge"), noted(self.boundary, "boundary edge"))
 
     @property
     def boundary(self) -> int:

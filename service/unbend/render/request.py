@@ -24,7 +24,7 @@ LAST_FURTHER: Final = 6
 """Last dimension of a form that colours can show."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PictureRequest(JsonObject):
     """A picture to draw: hashable, and equal after a round trip through JSON.
 

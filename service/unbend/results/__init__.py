@@ -1,4 +1,4 @@
-"""What a library answers, as immutable values: the same near (`Library`) and far (`Client`)."""
+"""The answers of a library, as immutable values: the same near (`Library`) and far (`Client`)."""
 
 from unbend.matching.classification import ClassMatch
 from unbend.matching.evaluate import ClassMetrics, Confusion, PrecisionRecall, RetrievalMetrics

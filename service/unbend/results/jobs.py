@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final, Literal, Self
 
+from unbend.brief import assigned, brief, changed
 from unbend.results.decoding import instant, known_fields
 from unbend.results.rankings import Ranking
 
@@ -57,6 +58,9 @@ class JobStatus:
     finished_at: datetime | None = None
     result: Ranking | None = None
     """The ranking of a succeeded query."""
+
+    def __repr__(self) -> str:
+        return brief(self, *assigned(changed(self)))
 
     @property
     def finished(self) -> bool:

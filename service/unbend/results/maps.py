@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Self
 
+from unbend.brief import brief, counted
 from unbend.results.decoding import known_fields
 
 MapDistance = Literal["l1", "squared_l2"]
@@ -37,6 +38,16 @@ class ShapeMap:
     count: int
     """Number of shapes that the map's shapes were chosen from."""
     items: list[MapItem]
+
+    def __repr__(self) -> str:
+        return brief(
+            self, self.measure, f"{len(self.items)} of {counted(self.count, 'shape')}", f"stress {self.stress:.3g}"
+        )
+
+    def _repr_html_(self) -> str:
+        from unbend.notebook.html import map_html  # noqa: PLC0415  programs without a notebook need no templates
+
+        return map_html(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

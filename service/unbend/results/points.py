@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from unbend.arrays import Bools, Floats, Indices, Ints, frozen
+from unbend.brief import brief, counted
 from unbend.correspondence.correspondence import Correspondence
 from unbend.correspondence.export import correspondence_arrays
 from unbend.mesh.surface import Surface
@@ -35,6 +36,13 @@ class PointMap:
     def __post_init__(self) -> None:
         for name, kind in {"corners": np.int32, "barycentric": np.float64, "confidence": np.float64}.items():
             object.__setattr__(self, name, frozen(getattr(self, name), kind))
+
+    def __repr__(self) -> str:
+        return brief(
+            self, f"{int(self.matched.sum())} of {counted(len(self.corners), 'vertex', 'vertices')} matched",
+            f"residual {self.residual:.3g}", "oriented" if self.oriented else "not oriented",
+            "ambiguous" if self.ambiguous else "",
+        )  # fmt: skip
 
     @property
     def matched(self) -> Bools:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
+from unbend.brief import brief, counted, noted
 from unbend.errors import NotFoundError
 from unbend.matching.classification import ClassMatch
 from unbend.matching.partial.comparison import Comparison, Relation
@@ -35,6 +36,12 @@ class PartRelation:
     """A point of the query, (3,), as far as possible from the boundary of the smaller surface."""
     place: Sequence[float]
     """The same place on the shape, (3,), in the coordinates of its file."""
+
+    def __repr__(self) -> str:
+        return brief(
+            self, self.relation, f"covered {self.covered:.3g}", f"matched {self.matched:.3g}",
+            f"residual {self.residual:.3g}", f"scale {self.scale:.3g}",
+        )  # fmt: skip
 
     @classmethod
     def of(cls, compared: Comparison) -> Self:
@@ -84,6 +91,19 @@ class Ranking:
     """Whether the query is near enough to the best class to belong to it; None if the class has a single member."""
     warnings: Sequence[str] = ()
     """Reasons why the ranking may be wrong, and what to do."""
+
+    def __repr__(self) -> str:
+        known = {True: "known", False: "unknown", None: ""}
+        return brief(
+            self, self.measure, *(f"best class {match.label!r}" for match in self.classes[:1]), known[self.known],
+            counted(len(self.shapes), "shape"), counted(len(self.classes), "class", "classes"),
+            noted(len(self.warnings), "warning"),
+        )  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        from unbend.notebook.html import ranking_html  # noqa: PLC0415  programs without a notebook need no templates
+
+        return ranking_html(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal, Self
 
+from unbend.brief import assigned, brief, counted, noted
 from unbend.mesh.policy import MeshPolicy
 from unbend.results.decoding import known_fields
 from unbend.signature.parameters import Parameters
@@ -56,6 +57,15 @@ class ShapeRecord:
         """The fields of a record."""
         return {name: getattr(self, name) for name in ShapeRecord.__dataclass_fields__}
 
+    def __repr__(self) -> str:
+        return brief(self, *self._facts())
+
+    def _facts(self) -> tuple[str, ...]:
+        return (
+            repr(self.name), *assigned({"label": self.label, "id": self.id}), f"version {self.version}",
+            noted(len(self.warnings), "warning"),
+        )  # fmt: skip
+
     @property
     def file_type(self) -> str:
         """The format of the uploaded file."""
@@ -96,6 +106,9 @@ class AddedShape(ShapeRecord):
     updated: Sequence[str] = ()
     """Fields that a stored shape took."""
 
+    def __repr__(self) -> str:
+        return brief(self, *self._facts(), "" if self.is_new else "stored before")
+
     @classmethod
     def of(cls, shape: ShapeRecord, *, is_new: bool, ignored: Sequence[str] = (), updated: Sequence[str] = ()) -> Self:
         """Return a stored shape with the outcome of adding it."""
@@ -108,6 +121,9 @@ class ShapePage:
 
     items: list[ShapeRecord]
     next_cursor: str | None
+
+    def __repr__(self) -> str:
+        return brief(self, counted(len(self.items), "shape"), "more follow" if self.next_cursor else "")
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints, frozen
+from unbend.brief import brief, counted, spread
 from unbend.embedding.extension import extend
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import Update, distance_rows
@@ -17,6 +18,7 @@ from unbend.geodesics.interpolation import interpolate
 from unbend.geodesics.stencils import stencils_of
 from unbend.geodesics.voronoi import geodesic_voronoi
 from unbend.mesh.surface import Surface
+from unbend.notebook.pictured import Pictured
 from unbend.signature.parameters import Parameters
 from unbend.signature.pipeline import compute_signature
 from unbend.signature.signature import Signature
@@ -35,7 +37,7 @@ _REACH: Final = 2.0  # radius of interpolation in radii of the sampling, so that
 
 
 @dataclass(frozen=True, eq=False)
-class CanonicalForm:
+class CanonicalForm(Pictured):
     """A surface with canonical coordinates for every vertex."""
 
     points: Floats
@@ -43,11 +45,16 @@ class CanonicalForm:
     equal to `signature.points`. NaN at vertices that no face uses."""
     faces: Ints
     """Faces of the surface, (f, 3) int32."""
-    signature: Signature = field(repr=False)
+    signature: Signature
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32))
+
+    def __repr__(self) -> str:
+        return brief(
+            self, spread(self.points.shape), counted(len(self.faces), "face"), f"stress {self.signature.stress:.3g}"
+        )
 
     @cached_property
     def surface(self) -> Surface:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from unbend.arrays import Floats, frozen
+from unbend.brief import brief, counted
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
 from unbend.signature.canonical_form import canonical_form
@@ -30,12 +31,18 @@ class Flattening:
     triangles."""
     stress: float
     """Eq. 2 of the samples."""
-    surface: Surface = field(repr=False)
+    surface: Surface
     """The surface that was flattened."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "uv", frozen(self.uv, np.float64))
         object.__setattr__(self, "stretches", frozen(self.stretches, np.float64))
+
+    def __repr__(self) -> str:
+        return brief(
+            self, counted(len(self.uv), "vertex", "vertices"), counted(len(self.stretches), "face"),
+            f"stress {self.stress:.3g}",
+        )  # fmt: skip
 
     @cached_property
     def distortion(self) -> Floats:

@@ -26,7 +26,7 @@ MAX_SAMPLES: Final = 5000
 MAX_SEED: Final = 2**32 - 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Parameters(JsonObject):
     """Parameters of a signature. They are hashable, and equal after a round trip through JSON.
 

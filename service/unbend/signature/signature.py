@@ -8,7 +8,9 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, frozen
+from unbend.brief import assigned, brief, changed, noted, spread
 from unbend.local.signatures import LocalSignatures
+from unbend.notebook.pictured import Pictured
 from unbend.signature.parameters import Parameters
 
 ALGORITHM_VERSION: Final = "5"
@@ -16,7 +18,7 @@ ALGORITHM_VERSION: Final = "5"
 
 
 @dataclass(frozen=True, eq=False)
-class Signature:
+class Signature(Pictured):
     """A bending-invariant signature: samples of a surface, placed so that distances approximate geodesic distances."""
 
     points: Floats
@@ -33,7 +35,7 @@ class Signature:
     """Eq. 2: the difference between the distances of the points and the geodesic distances; 0 if they are equal."""
     asymmetry: float
     """Largest difference between the two directions of a marched distance, over the largest distance."""
-    descriptors: dict[str, Floats] = field(repr=False)
+    descriptors: dict[str, Floats]
     """Vectors for comparison, by name."""
     parameters: Parameters = field(default_factory=Parameters)
     version: str = ALGORITHM_VERSION
@@ -41,7 +43,7 @@ class Signature:
     """Reasons why the signature may be wrong, and remedies. Warnings from reading the surface come first."""
     boundary: float | None = None
     """Length of the surface's boundary over the square root of its area; None in signatures of earlier libraries."""
-    local: LocalSignatures | None = field(default=None, repr=False)
+    local: LocalSignatures | None = None
     """Local signatures, by which pieces are recognised; None unless they were asked for."""
 
     def __post_init__(self) -> None:
@@ -50,6 +52,13 @@ class Signature:
             object.__setattr__(self, name, frozen(getattr(self, name), kind))
         vectors = {name: frozen(vector, np.float64) for name, vector in self.descriptors.items()}
         object.__setattr__(self, "descriptors", vectors)
+
+    def __repr__(self) -> str:
+        chosen = {"samples": self.parameters.samples, **changed(self.parameters)}
+        return brief(
+            self, spread(self.points.shape), f"stress {self.stress:.3g}",
+            *assigned(chosen), f"version {self.version}", noted(len(self.warnings), "warning"),
+        )  # fmt: skip
 
     @property
     def moments(self) -> Floats:

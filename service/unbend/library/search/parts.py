@@ -119,8 +119,10 @@ def rank_parts(store: Store, index: PartIndex, query: Signature | str, request: 
         matches = shape_rows.get_matches(connection, seqs, distances)
         classes = _classes(gallery.labels, found.distances)
         known = _known(local, gallery, found, classes, load) if classes else None
+    left_out = int(np.isinf(found.distances).sum())
+    warnings = (*warnings, *_missing(whole.missing), *_too_different(left_out, any_scale=measure.any_scale))
     detailed = [replace(match, part=_part(found, row)) for match, row in zip(matches, rows.tolist(), strict=True)]
-    return Ranking(request.measure, classes, detailed, known, (*warnings, *_missing(whole.missing)))
+    return Ranking(request.measure, classes, detailed, known, warnings)
 
 
 def _query_of(connection: Connection, query: Signature | str) -> tuple[LocalSignatures, int, str, Sequence[str]]:
@@ -174,3 +176,12 @@ def _missing(count: int) -> tuple[str, ...]:
     shapes_, were = ("shape", "was") if count == 1 else ("shapes", "were")
     sentence = f"{count} {shapes_} of an earlier version {were} not compared: run `unbend complete` first"
     return (sentence,)
+
+
+def _too_different(count: int, *, any_scale: bool) -> tuple[str, ...]:
+    """Return a warning about shapes that share no radius of circles with the query."""
+    if not count:
+        return ()
+    shapes_, were = ("shape", "was") if count == 1 else ("shapes", "were")
+    advice = "" if any_scale else ": if the units differ, ask with the measure `partial_any_scale`"
+    return (f"{count} {shapes_} of a very different size {were} not compared{advice}",)

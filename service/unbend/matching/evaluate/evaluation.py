@@ -9,10 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from unbend.arrays import Codes, Floats, Indices, Singles, frozen
+from unbend.brief import brief
 from unbend.errors import ParameterError, UnsuitedError
 from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 from unbend.matching.evaluate.scores import Scores, score
-from unbend.matching.evaluate.summary import ClassMetrics, Confusion, EvaluationSummary
+from unbend.matching.evaluate.summary import ClassMetrics, Confusion, EvaluationSummary, facts_of
 
 _MAX_CONFUSION_CLASSES: Final = 1000
 """Largest number of classes for which a summary has the confusion matrix: n classes need n^2 counts."""
@@ -43,6 +44,9 @@ class Evaluation:
     """Row in the gallery of the nearest shape, (q,)."""
     nearest_distances: Floats
     """Distance to the nearest shape, (q,)."""
+
+    def __repr__(self) -> str:
+        return brief(self, *facts_of(self))
 
     @property
     def confusion(self) -> Indices:

@@ -11,6 +11,7 @@ from typing import Final, Self
 import numpy as np
 
 from unbend.arrays import Floats, Ints
+from unbend.brief import brief, counted
 
 _E_MEASURE_RANK: Final = 32
 
@@ -86,6 +87,12 @@ class PrecisionRecall:
 
     recall: tuple[float, ...]
     precision: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        return brief(
+            self, counted(len(self.recall), "level"),
+            *(f"precision {last:.3g} at full recall" for last in self.precision[-1:]),
+        )  # fmt: skip
 
     @classmethod
     def mean(cls, rows: Floats) -> Self:

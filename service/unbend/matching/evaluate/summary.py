@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Final, Self
 
+from unbend.brief import brief, counted, noted
 from unbend.matching.evaluate.metrics import PrecisionRecall, RetrievalMetrics
 
 _METRICS: Final = tuple(field.name for field in fields(RetrievalMetrics))
@@ -39,6 +40,11 @@ class Confusion:
     counts: tuple[tuple[int, ...], ...]
     """Number of queries by their class (row) and the class of the nearest shape (column)."""
 
+    def __repr__(self) -> str:
+        return brief(
+            self, counted(len(self.labels), "class", "classes"), counted(sum(map(sum, self.counts)), "query", "queries")
+        )
+
 
 @dataclass(frozen=True)
 class EvaluationSummary:
@@ -56,6 +62,9 @@ class EvaluationSummary:
     confusion: Confusion | None
     """None for more than 1000 classes."""
     precision_recall: PrecisionRecall
+
+    def __repr__(self) -> str:
+        return brief(self, *facts_of(self))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -88,6 +97,18 @@ class EvaluationSummary:
             for field in fields(self)
             if field.name != "metrics"
         }
+
+
+def facts_of(evaluation: Any) -> tuple[str, ...]:
+    """Return the facts for the `repr` of an `Evaluation` or its summary."""
+    metrics = evaluation.metrics
+    return (
+        counted(evaluation.queries, "query", "queries"),
+        counted(len(evaluation.classes), "class", "classes"),
+        f"accuracy {evaluation.accuracy:.3g}",
+        "" if metrics is None else f"mean average precision {metrics.map:.3g}",
+        noted(evaluation.unanswered, "unanswered query", "unanswered queries"),
+    )
 
 
 def _metrics_of(values: Mapping[str, Any]) -> RetrievalMetrics | None:

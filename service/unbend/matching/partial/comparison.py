@@ -8,6 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from unbend.arrays import Indices, Singles
+from unbend.brief import brief
 from unbend.jit import inlined, kernel
 from unbend.local.signatures import OCTAVE, LocalSignatures
 from unbend.matching.partial.profiles import Profiles, profiles_of
@@ -59,6 +60,12 @@ class Comparison:
     """The same place on the shape, in the shape's coordinates."""
     places: Indices
     """The centre of the larger surface where each chosen circle of the smaller one is, (m,)."""
+
+    def __repr__(self) -> str:
+        return brief(
+            self, self.relation, f"distance {self.distance:.3g}", f"covered {self.covered:.3g}",
+            f"matched {self.matched:.3g}", f"scale {self.scale:.3g}",
+        )  # fmt: skip
 
 
 def compare_parts(query: LocalSignatures, shape: LocalSignatures, shift: int = 0) -> Comparison:

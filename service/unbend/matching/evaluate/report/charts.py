@@ -10,19 +10,9 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats
+from unbend.marks import MARKS, fit_to_frame, look_of
 from unbend.matching.evaluate.evaluation import Evaluation
 from unbend.matching.evaluate.metrics import PrecisionRecall
-
-# Each of six curves has its own mark and colour. Classes differ in colour, and after every six also in mark.
-# The style sheet has as many colours as there are marks.
-_MARKS: Final = (
-    "M-3.6 0a3.6 3.6 0 1 0 7.2 0a3.6 3.6 0 1 0 -7.2 0z",  # disc
-    "M-3.2-3.2h6.4v6.4h-6.4z",  # square
-    "M0-4.2L4 3.2h-8z",  # triangle
-    "M0-4.6L4.6 0L0 4.6L-4.6 0z",  # diamond
-    "M0 4.2L4-3.2h-8z",  # triangle pointing down
-    "M-4-1.2h2.8v-2.8h2.4v2.8h2.8v2.4h-2.8v2.8h-2.4v-2.8h-2.8z",  # cross
-)
 
 _LEFT, _TOP, _BELOW = 56, 12, 48
 """Margins of the line charts. The lower margin contains the labels and the name of the axis."""
@@ -143,7 +133,8 @@ def separation_chart(by_method: Mapping[str, Sequence[float]]) -> SeparationChar
 
 
 def _curve(place: int, name: str, points: Sequence[tuple[float, float, float, float]]) -> Curve:
-    return Curve(name, place % len(_MARKS), _MARKS[place % len(_MARKS)], tuple(points))
+    kind = place % len(MARKS)  # each of six curves has its own mark and colour
+    return Curve(name, kind, MARKS[kind], tuple(points))
 
 
 _MAP_WIDTH, _MAP_HEIGHT, _MAP_EDGE = 460, 360, 24
@@ -185,7 +176,7 @@ class ClassMapChart:
 
 def class_map_chart(measure: str, points: Floats, names: Sequence[str], labels: Sequence[str]) -> ClassMapChart:
     """Lay out shapes at `points` (n, 2), with the same scale on both axes."""
-    fitted = _fit_to_frame(points)
+    fitted = fit_to_frame(points, _MAP_WIDTH, _MAP_HEIGHT, _MAP_EDGE)
     classes = {label: place for place, label in enumerate(sorted(set(labels)))}
     most = _MAX_MAP_SHAPES
     rows = np.arange(len(points)) if len(points) <= most else np.linspace(0, len(points) - 1, most).astype(int)
@@ -196,17 +187,9 @@ def class_map_chart(measure: str, points: Floats, names: Sequence[str], labels: 
     )
 
 
-def _fit_to_frame(points: Floats) -> Floats:
-    low, span = points.min(axis=0), np.ptp(points, axis=0)
-    frame = np.array([_MAP_WIDTH, _MAP_HEIGHT])
-    scale = float(((frame - 2 * _MAP_EDGE) / np.maximum(span, np.finfo(float).tiny)).min()) if span.any() else 1.0
-    margin = (frame - scale * span) / 2
-    return np.asarray(margin + scale * (points - low))
-
-
 def _map_mark(point: Floats, name: str, label: str, place: int) -> MapMark:
-    kinds = len(_MARKS)  # after every six classes, the colours repeat with the next mark
-    return MapMark(float(point[0]), float(point[1]), _MARKS[place // kinds % kinds], place % kinds, name, label)
+    colour, mark = look_of(place)
+    return MapMark(float(point[0]), float(point[1]), MARKS[mark], colour, name, label)
 
 
 def _map_label(points: Floats, label: str) -> MapLabel:

@@ -88,7 +88,7 @@ def evaluate(
     separations = None
     if folder is None:
         with open_place(library, url) as place:
-            results = {name: place.evaluation(name, parameters) for name in chosen}
+            results = {name: place.evaluation(name, parameters=parameters).as_dict() for name in chosen}
     else:
         from unbend.cli.folder_evaluation import Folder, evaluate_folder  # noqa: PLC0415
 

@@ -20,6 +20,6 @@ def label(shape_id: str, label: str | None, remove: bool, library: str, url: str
     if (label is None) != remove:
         raise click.UsageError("give either a CLASS or --none")
     with open_place(library, url) as place:
-        shape = place.set_label(shape_id, label)
-    text = "has no class" if remove else f"has the class {shape['label']}"
-    confirm(shape, f"{shape['id']} ({shape['name']}) {text}", as_json=as_json)
+        shape = place.change(shape_id, label=label)
+    text = "has no class" if remove else f"has the class {shape.label}"
+    confirm(shape.as_dict(), f"{shape.id} ({shape.name}) {text}", as_json=as_json)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import click
 
 from unbend.cli.options import json_option, place_options
-from unbend.cli.places import first, open_place
+from unbend.cli.places import open_place
 from unbend.cli.tables import table
 from unbend.cli.terminal import print_result
 
@@ -18,10 +20,10 @@ from unbend.cli.terminal import print_result
 def list_shapes(label: str | None, limit: int | None, library: str, url: str | None, as_json: bool) -> None:
     """List the shapes of a library, or of a running service, in the order of adding."""
     with open_place(library, url) as place:
-        found = first(place.shapes(label), limit)
-    rows = [[shape["id"], shape["name"], shape["label"]] for shape in found]
+        found = list(islice(place.iter_shapes(label=label), limit))
+    rows = [[shape.id, shape.name, shape.label] for shape in found]
     print_result(
-        {"shapes": found},
+        {"shapes": [shape.as_dict() for shape in found]},
         lambda: table(["id", "name", "class"], rows) if rows else "there are no shapes",
         as_json=as_json,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -21,9 +21,12 @@ from unbend.cli.options import (
     place_options,
     policy_options,
 )
-from unbend.cli.places import Place, first, open_place
+from unbend.cli.places import Place, open_place, rank_file
 from unbend.cli.tables import table
 from unbend.cli.terminal import print_result, warn
+
+if TYPE_CHECKING:
+    from unbend.results.rankings import PartRelation, Ranking
 
 _CLASSES: Final = 5
 """Classes that the table shows."""
@@ -58,11 +61,11 @@ def query(
     """
     options = {"k": k, "measure": measure, "classifier": classifier}
     with open_place(library, url) as place:
-        ranking = place.rank(mesh, parameters, policy, options)
-        reason = "" if ranking["shapes"] else why_nothing_compares(place, parameters, measure)
+        ranking = rank_file(place, mesh, parameters, policy, options)
+        reason = "" if ranking.shapes else why_nothing_compares(place, parameters, measure)
     if reason and as_json:
         warn(f"unbend: {reason}")
-    print_result(ranking, reason or (lambda: _table(ranking)), as_json=as_json)
+    print_result(ranking.as_dict(), reason or (lambda: _table(ranking)), as_json=as_json)
 
 
 def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
@@ -70,11 +73,11 @@ def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
     from unbend.signature.signature import ALGORITHM_VERSION  # noqa: PLC0415
 
-    shapes = first(place.shapes(), _LOOKED_AT)
+    shapes = place.page(limit=_LOOKED_AT).items
     if not shapes:
         return "the library has no shapes"
     wanted = asdict(Parameters.from_dict(parameters))
-    stored = [asdict(Parameters.from_dict(shape["parameters"])) for shape in shapes]
+    stored = [asdict(shape.parameters) for shape in shapes]
     if wanted not in stored:
         names = [name for name in wanted if any(of[name] != wanted[name] for of in stored)]
         choices = sorted({_options(names, of) for of in stored})
@@ -82,7 +85,7 @@ def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
             f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(choices)}. Ask with its "
             "parameters, or import its shapes with these"
         )
-    if all(shape["version"] != ALGORITHM_VERSION for shape in shapes):
+    if all(shape.version != ALGORITHM_VERSION for shape in shapes):
         return f"an earlier version of unbend computed the shapes: import them again, for version {ALGORITHM_VERSION}"
     if measure in PART_MEASURES:
         return "no shape has local signatures: compute them by `unbend complete`"
@@ -94,7 +97,7 @@ def _options(names: list[str], parameters: Values) -> str:
     return " ".join(f"--{name.replace('_', '-')} {parameters[name]}" for name in names)
 
 
-def _part(part: Values | None) -> str:
+def _part(part: PartRelation | None) -> str:
     """Return in words whether the mesh is a part of a shape, contains the shape, or matches it as a whole."""
     if not part:
         return ""
@@ -102,29 +105,30 @@ def _part(part: Values | None) -> str:
         "part": "part of it, {:.0%} of its area, middle at {}",
         "contains": "contains it, {:.0%} of the area, middle at {}",
     }
-    point = part["centre" if part["relation"] == "contains" else "place"]  # on the larger surface
+    point = part.centre if part.relation == "contains" else part.place  # on the larger surface
     middle = " ".join(f"{coordinate:.4g}" for coordinate in point)
-    return words.get(part["relation"], "whole").format(part["covered"], middle)
+    return words.get(part.relation, "whole").format(part.covered, middle)
 
 
-def _table(ranking: Values) -> str:
+def _table(ranking: Ranking) -> str:
     classes = table(
         ["class", "distance", "confidence"],
-        [[row["label"], f"{row['distance']:.4g}", f"{row['confidence']:.2f}"] for row in ranking["classes"][:_CLASSES]],
+        [[row.label, f"{row.distance:.4g}", f"{row.confidence:.2f}"] for row in ranking.classes[:_CLASSES]],
         numbers=("distance", "confidence"),
     )
     doubt = (
         "\nthe mesh is farther from the best class than the members of that class are from each other: "
         "it may belong to none of these classes"
-        if ranking["known"] is False
+        if ranking.known is False
         else ""
     )
-    parts = [_part(row.get("part")) for row in ranking["shapes"]]
+    relations = [_part(row.part) for row in ranking.shapes]
+    shown = any(relations)
     shapes = table(
-        ["shape", "distance", "class", *(["relation"] if any(parts) else [])],
+        ["shape", "distance", "class", *(["relation"] if shown else [])],
         [
-            [row["name"], f"{row['distance']:.4g}", row["label"], *([part] if any(parts) else [])]
-            for row, part in zip(ranking["shapes"], parts, strict=True)
+            [row.name, f"{row.distance:.4g}", row.label, *([relation] if shown else [])]
+            for row, relation in zip(ranking.shapes, relations, strict=True)
         ],
         numbers=("distance",),
     )

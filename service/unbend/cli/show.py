@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, get_args
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -20,13 +19,14 @@ from unbend.cli.options import (
 )
 from unbend.cli.places import open_place
 from unbend.cli.terminal import announce_compilation, confirm_file, print_result
-from unbend.names import printable
+from unbend.names import is_shape_id, printable
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
     from unbend.mesh.surface import Surface
     from unbend.render.request import PictureRequest
+    from unbend.results import ShapeRecord
 
 SUBJECTS = ("surface", "signature", "both")
 THEMES = ("light", "dark", "transparent")
@@ -40,16 +40,13 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
     return int(width), int(height)
 
 
-_ID: Final = re.compile("[0-9a-f]{32}")
-
-
 class _MeshOrId(click.ParamType[Path | str]):
     """A mesh file, or the id of a stored shape."""
 
     name = "mesh"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
-        if isinstance(value, str) and _ID.fullmatch(value):
+        if isinstance(value, str) and is_shape_id(value):
             return value
         return Path(mesh_path.convert(str(value), param, ctx))
 
@@ -105,8 +102,8 @@ def show(
         if isinstance(source, Path):
             raise click.UsageError("drawing a mesh needs -o, the file of the picture")
         with open_place(library, url) as place:
-            record = place.shape(source)
-        print_result(record, lambda: _lines(record), as_json=as_json)
+            record = place.get(source)
+        print_result(record.as_dict(), lambda: _lines(record), as_json=as_json)
         return
     if target is not None and start is None:
         raise ParameterError("--to goes with --from only: a path has two ends")
@@ -134,23 +131,23 @@ def show(
         surface = read_file(source, policy)
     else:
         with open_place(library, url) as place:
-            record = place.shape(source)
+            record = place.get(source)
             data = place.mesh(source)
-        parameters = record["parameters"] | parameters
+        parameters = record.parameters.as_dict() | parameters
         surface = _read(data, record, policy)
     stress = _draw(request, surface, parameters, output)
     text = f"{size[0]} x {size[1]} pixels" + ("" if stress is None else f", stress {stress:.4g}")
     confirm_file(output, text, {"width": size[0], "height": size[1], "stress": stress}, as_json=as_json)
 
 
-def _read(data: bytes, record: Values, policy: Values) -> Surface:
+def _read(data: bytes, record: ShapeRecord, policy: Values) -> Surface:
     """Return the surface of a stored shape. Its record has the notes of reading it."""
     from unbend.mesh.policy import MeshPolicy  # noqa: PLC0415
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
 
     announce_compilation()
-    chosen = MeshPolicy.from_dict(record["policy"] | policy)
-    return read_mesh(data, file_type=record["report"]["file_type"], policy=chosen)
+    chosen = MeshPolicy.from_dict(record.policy.as_dict() | policy)
+    return read_mesh(data, file_type=record.file_type, policy=chosen)
 
 
 def _draw(request: PictureRequest, surface: Surface, parameters: Values, output: Path) -> float | None:
@@ -165,13 +162,13 @@ def _draw(request: PictureRequest, surface: Surface, parameters: Values, output:
     return None if form is None else float(form.signature.stress)
 
 
-def _lines(record: Values) -> str:
+def _lines(record: ShapeRecord) -> str:
     """Return a record with a line for each field; the notes and warnings of reading the mesh come last."""
-    fields = {name: value for name, value in record.items() if name not in {"report", "warnings"}}
+    fields = {name: value for name, value in record.as_dict().items() if name not in {"report", "warnings"}}
     width = max(map(len, fields)) + 2
     lines = [f"{name:<{width}}{_text(value)}" for name, value in fields.items()]
-    lines += [f"{'note':<{width}}{note}" for note in record["report"].get("notes", ())]
-    lines += [f"{'warning':<{width}}{warning}" for warning in record["warnings"]]
+    lines += [f"{'note':<{width}}{note}" for note in record.report.get("notes", ())]
+    lines += [f"{'warning':<{width}}{warning}" for warning in record.warnings]
     return "\n".join(lines)
 
 

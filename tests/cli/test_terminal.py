@@ -1,4 +1,4 @@
-"""What every command has in common: --json, --verbose, --quiet, help, tables, and advice."""
+"""Behaviour that all commands have in common: --json, --verbose, --quiet, help, tables, and advice."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_an_unexpected_error_is_a_sentence_and_its_traceback_is_kept_for_verbose
 
 def test_advice_fits_the_command(mesh, tmp_path):
     done = CliRunner().invoke(group, ["wrong", "--size", "-1"])
-    assert done.stderr.splitlines()[1].strip() == "`group wrong --help` lists the options and their values."
+    assert "`group wrong --help`" in done.stderr.splitlines()[1]
     with Library(str(tmp_path / "a.db")) as library:
         library.add(mesh, parameters=SAMPLES)
     place = ["--library", tmp_path / "a.db"]

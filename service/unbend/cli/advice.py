@@ -26,8 +26,7 @@ _ADVICE: Final[Mapping[type[errors.UnbendError], str]] = MappingProxyType(
         errors.CallTimeoutError: "Use fewer samples or another measure, or raise UNBEND_CALL_SECONDS of the service.",
     }
 )
-"""Advice for classes of errors whose own advice names headers, or methods, or nothing. {help} and {listing} are
-commands."""
+"""Advice for classes of errors whose own advice names headers, or methods, or nothing. {listing} is a command."""
 
 _LISTINGS: Final[Mapping[str, str]] = MappingProxyType({"jobs": "unbend jobs", "revoke": "unbend keys list"})
 """The commands that print the identifiers that other commands than those of shapes take."""
@@ -42,7 +41,7 @@ def advice_for(error: errors.UnbendError, command: click.Command | None, context
     if isinstance(error, errors.ExistsError):
         return "Name another place, or replace it with --force." if _has(command, "force") else "Name another place."
     if type(error) is errors.ParameterError:
-        return f"`{context.command_path} {name} --help` lists the options and their values."
+        return f"Correct the argument named in the message; `{context.command_path} {name} --help` describes it."
     return _ADVICE.get(type(error), own).format(listing=_LISTINGS.get(name, "unbend list"))
 
 

@@ -13,6 +13,7 @@ import click
 from click.core import ParameterSource
 
 from unbend.cli.options import library_option
+from unbend.cli.terminal import warn
 from unbend.errors import ExposedError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     context.call_on_close(stack.close)
     sockets = [stack.enter_context(bound) for bound in bind(host, port)]
     lease = stack.enter_context(Lease(settings.library))
-    click.echo(f"unbend: library {without_password(settings.library)}, {settings.workers} workers", err=True)
+    warn(f"unbend: library {without_password(settings.library)}, {settings.workers} workers")
     _must_be_safe(settings, host)
     app = create_app(settings, lease)
     limits, backlog = _fit_file_descriptors(settings.connection_limits)

@@ -7,6 +7,7 @@ tests, and a placeholder such as JOB_ID for an id of that server.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -16,12 +17,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.support.blocks import SHELL, Block, blocks
-from tests.support.server import SAMPLES, Server, ended, post_mesh, without_settings
+from tests.support.server import SAMPLES, Server, ended, post_mesh, small_mesh, two_rings, without_settings
 from unbend import Library, Surface
 from unbend.mesh.shapes import figure, sheet
 from unbend.mesh.write import write_mesh
@@ -57,14 +59,17 @@ class Place:
     files: Path
     commands: Path
     server: Server
-    job_id: str
-    shape_id: str
 
-    def fill(self, text: str) -> str:
+    def upload(self, number: int) -> dict[str, Any]:
+        """Store a shape of a page, which its blocks may remove, and return the job."""
+        with self.server.http() as http:
+            return ended(http, post_mesh(http, small_mesh(number), parameters=json.dumps(SAMPLES)))
+
+    def fill(self, text: str, job: dict[str, Any]) -> str:
         """Return a block with this server's address, ids and folders in the place of those of the page."""
         text = re.sub(r"http://127\.0\.0\.1:800\d", self.server.url, text)
-        text = re.sub(r"(?<=/jobs/)(?:\{id\}|JOB_ID)", self.job_id, text)
-        text = re.sub(r"(?<=/shapes/)(?:\{id\}|SHAPE_ID)", self.shape_id, text)
+        text = re.sub(r"(?<=/jobs/)(?:\{id\}|JOB_ID)", job["id"], text)
+        text = re.sub(r"(?<=/shapes/)(?:\{id\}|SHAPE_ID)", job["shape_id"], text)
         for written, meant in MEANT.items():
             text = text.replace(written, meant)
         return text
@@ -78,6 +83,11 @@ def piece_of(surface: Surface) -> Surface:
     """Return the part of a surface on one side of a plane."""
     middles = surface.vertices[surface.faces].mean(axis=1)[:, 0]
     return Surface(surface.vertices, surface.faces[middles < np.quantile(middles, 0.6)])
+
+
+def noisy(surface: Surface) -> Surface:
+    noise = np.random.default_rng(0).normal(scale=0.003 * surface.extent, size=surface.vertices.shape)
+    return Surface(surface.vertices + noise, surface.faces)
 
 
 def write(path: Path, surface: Surface) -> None:
@@ -96,6 +106,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     write(files / "pieces" / "half.ply", piece_of(pose("man", 0)))
     write(files / "others" / "cat.off", pose("cat", 1))
     write(files / "shirt.obj", sheet())
+    write(files / "scan.ply", noisy(pose("cat", 0)))
+    write(files / "large.ply", figure(KINDS["cat"], 0, resolution=2 * SMALL))
+    write(files / "assembly.obj", two_rings(0))
     (files / "landmarks.csv").write_text("17\n1204\n")
     (files / "backups").mkdir()
     labels = ["path,class"]
@@ -115,10 +128,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
             path.chmod(path.stat().st_mode | stat.S_IXUSR)
     served = tmp_path_factory.mktemp("served")
     shutil.copy(files / "mine.db", served / "library.db")
-    with Server(served) as server, server.http() as http:
-        cat = (files / "cat.off").read_bytes()
-        job = ended(http, post_mesh(http, cat, label="cat", parameters=f'{{"samples": {SAMPLES["samples"]}}}'))
-        yield Place(files, commands, server, job["id"], job["shape_id"])
+    with Server(served) as server:
+        yield Place(files, commands, server)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -129,12 +140,12 @@ def test_the_blocks_of_a_page_run(page, request, tmp_path, monkeypatch):
     place = request.getfixturevalue("place")
     shutil.copytree(place.files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
+    job = place.upload(PAGES.index(page))
     for block in runnable:
-        run(block, place)
+        run(block, place.fill(block.text, job), place.commands)
 
 
-def run(block: Block, place: Place) -> None:
-    text = place.fill(block.text)
+def run(block: Block, text: str, commands: Path) -> None:
     if block.language == "python":
         try:
             exec(compile("\n" * (block.line - 1) + text, str(block.page), "exec"), {"__name__": "__main__"})  # noqa: S102
@@ -147,7 +158,7 @@ def run(block: Block, place: Place) -> None:
         if shutil.which("node") is None:
             return
         command = ["node", "--input-type=module", "--eval", text]
-    environment = without_settings(PATH=f"{place.commands}{os.pathsep}{os.environ['PATH']}")
+    environment = without_settings(PATH=f"{commands}{os.pathsep}{os.environ['PATH']}")
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert result.returncode == 0, f"{block.page}:{block.line}\n{text}\n{result.stdout}\n{result.stderr}"
 

@@ -38,7 +38,8 @@ bench: .venv/bench
 
 # Warnings are errors. The site is static: open site/index.html, or copy the folder to any web server.
 docs: .venv/docs
-	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet docs site
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --fresh-env \
+		--doctree-dir build/doctrees docs site
 
 # Takes an hour: kills processes, fills a disk (as root), and sends thousands of damaged files and generated requests.
 reliability: .venv/test
@@ -54,7 +55,7 @@ clean-kernels:
 	find service -name '*.nb[ic]' -delete
 
 clean: clean-kernels
-	rm -rf .venv site demo.db demo.db-wal demo.db-shm service/unbend/api/page service/web/node_modules
+	rm -rf .venv site build/doctrees demo.db demo.db-wal demo.db-shm service/unbend/api/page service/web/node_modules
 
 .venv/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unbend needs Python 3.11 or newer: make PYTHON=...")'

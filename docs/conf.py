@@ -34,6 +34,7 @@ python_use_unqualified_type_names = True
 # Nothing is loaded from another host, and no page depends on the time of its build.
 html_theme = "pydata_sphinx_theme"
 html_title = "unbend"
+html_favicon = "../service/web/src/ui/icon.svg"
 html_copy_source = False
 html_show_sourcelink = False
 html_static_path = ["static"]
@@ -44,6 +45,7 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
     "footer_start": ["copyright"],
     "footer_end": [],
+    "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": True,
     "navigation_with_keys": False,

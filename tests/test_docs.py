@@ -24,6 +24,7 @@ from unbend.signature.parameters import Parameters
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 
 
 def test_every_setting_is_documented_with_its_default():
@@ -68,7 +69,7 @@ def test_every_dependency_is_explained_in_the_decisions():
         assert re.search(rf"\b{re.escape(re.split('[<>=]', requirement)[0])}\b", text), requirement
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_relative_link_of_a_page_has_a_target(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
@@ -116,7 +117,7 @@ def is_public(name: str) -> bool:
     return not last or last in dir(found) or last in {field.name for field in fields(found)}
 
 
-@pytest.mark.parametrize("page", sorted([*DOCS.glob("*.md"), ROOT / "README.md"]), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_path_on_a_page_exists(page):
     named = set(re.findall(r"`((?:\w+/)+[\w.]+\.\w+)`", page.read_text()))
     roots = (ROOT, ROOT / "service" / "unbend")

@@ -19,8 +19,10 @@ def visit_inline(self: HTML5Translator, node: nodes.math) -> None:
 
 
 def visit_block(self: HTML5Translator, node: nodes.math_block) -> None:
-    """Write an equation on a line of its own."""
-    self.body.append(f'<div class="equation">{convert(node.astext(), display="block")}</div>\n')
+    """Write an equation on a line of its own, with its number beside it."""
+    text, _, rest = node.astext().partition(r"\tag{")
+    number = f"<span>({rest.partition('}')[0]})</span>" if rest else ""
+    self.body.append(f'<div class="equation">{convert(text, display="block")}{number}</div>\n')
     raise nodes.SkipNode
 
 

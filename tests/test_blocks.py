@@ -137,6 +137,9 @@ def test_the_blocks_of_a_page_run(page, request, tmp_path, monkeypatch):
     runnable = [block for block in blocks(page) if block.language in RUN and not block.reason]
     if not runnable:
         return
+    for tool, needed in {"node": "js", "curl": SHELL}.items():
+        if shutil.which(tool) is None and any(block.language == needed for block in runnable):
+            pytest.skip(f"{tool} is not installed")
     place = request.getfixturevalue("place")
     shutil.copytree(place.files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
@@ -155,8 +158,6 @@ def run(block: Block, text: str, commands: Path) -> None:
         return
     command = ["bash", "-euo", "pipefail", "-c", text]
     if block.language == "js":
-        if shutil.which("node") is None:
-            return
         command = ["node", "--input-type=module", "--eval", text]
     environment = without_settings(PATH=f"{commands}{os.pathsep}{os.environ['PATH']}")
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False)

@@ -101,6 +101,18 @@ def test_every_name_in_the_steps_of_the_paper_exists():
                 assert f'"{name}"' in text, name
 
 
+def test_every_section_that_a_script_prints_has_one_place_and_a_script():
+    scripts = [path.read_text() for path in (ROOT / "benchmarks").rglob("*.py")]
+    pages = [DOCS / "reliability.md", *sorted((DOCS / "benchmarks").glob("*.md"))]
+    for page in pages:
+        text = page.read_text()
+        begun, ended = (re.findall(rf"^<!-- ([\w-]+): {word} -->$", text, re.MULTILINE) for word in ("begin", "end"))
+        assert begun == ended, page.name
+        assert len(set(begun)) == len(begun) > 0, page.name
+        for name in begun:
+            assert any(page.name in script and f'"{name}"' in script for script in scripts), (page.name, name)
+
+
 def options() -> list[click.Parameter]:
     return [parameter for command in main.commands.values() for parameter in command.params]
 

@@ -73,8 +73,9 @@ def autodoc(name: str) -> str:
 
 
 def layer_of(found: Any) -> str:
-    """Return the layer of the package that defines an object."""
-    return str(found.__module__).split(".")[1]
+    """Return the layer of the package that defines an object; empty if it is not of the package."""
+    package, _, rest = str(found.__module__).partition(".")
+    return rest.partition(".")[0] if package == "unbend" else ""
 
 
 class Errors(Generated):

@@ -32,7 +32,8 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 RUN = {"python", SHELL, "js"}
 TEXTS = {"", "text", "json", "toml", "yaml"}
-SECONDS = 120
+SECONDS = 600
+"""Longest time of a block: its first run may compile kernels on a busy machine."""
 SMALL = 1500
 """The vertices of a mesh; a figure needs as many."""
 

@@ -11,7 +11,7 @@ project = "unbend"
 version = release = __version__
 project_copyright = "the unbend authors"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "mathml", "reference"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_click", "mathml", "reference"]
 exclude_patterns = ["extensions"]
 
 # Markdown: tables, equations between dollars, and links to headings as on GitHub. An indented block is a shell command.
@@ -26,9 +26,7 @@ default_role = "py:obj"
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings give types and shapes
 autodoc_preserve_defaults = True
-napoleon_google_docstring = False
-napoleon_use_rtype = False
-napoleon_use_ivar = True
+numpydoc_show_class_members = False  # autodoc lists them, with what each says
 python_use_unqualified_type_names = True
 
 # Nothing is loaded from another host, and no page depends on the time of its build.

@@ -68,7 +68,7 @@ class PublicNames(Generated):
 def autodoc(name: str) -> str:
     """Return the directive that documents a public name."""
     kind = "autoclass" if isinstance(getattr(unbend, name), type) else "autofunction"
-    members = "   :members:\n   :inherited-members: Exception, tuple\n" if kind == "autoclass" else ""
+    members = "   :members:\n   :inherited-members: Exception, BaseException, tuple\n" if kind == "autoclass" else ""
     return f"```{{eval-rst}}\n.. {kind}:: unbend.{name}\n{members}```"
 
 

@@ -11,7 +11,7 @@ project = "unbend"
 version = release = __version__
 project_copyright = "the unbend authors"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_click", "mathml", "reference"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "mathml", "reference"]
 exclude_patterns = ["extensions"]
 
 # Markdown: tables, equations between dollars, and links to headings as on GitHub. An indented block is a shell command.
@@ -19,6 +19,7 @@ myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 4
 html_math_renderer = "mathml"
 highlight_language = "sh"
+smartquotes = False  # it would make a dash of the two of an option
 pygments_style = "friendly"
 
 # The reference: single backticks in docstrings are names, which become links where the site has them.

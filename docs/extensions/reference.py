@@ -1,4 +1,4 @@
-"""Directives that make the reference from the code: public names, errors, settings, and HTTP requests.
+"""Directives that make the reference from the code: public names, commands, requests, errors, settings.
 
 Each directive writes Markdown, so that the pages that contain it need no list of their own. A public name that no page
 documents is a warning, and so an error of `make docs`.
@@ -6,11 +6,13 @@ documents is a warning, and so an error of `make docs`.
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import click
 from annotated_types import Ge, Gt, Le, Lt
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
@@ -19,6 +21,7 @@ import unbend
 from unbend.api import Settings
 from unbend.api.schema.problems import STATUS
 from unbend.api.server.settings import ENVIRONMENT_PREFIX
+from unbend.cli.main import main
 from unbend.errors import UnbendError, subclasses
 
 if TYPE_CHECKING:
@@ -76,6 +79,34 @@ def layer_of(found: Any) -> str:
     """Return the layer of the package that defines an object; empty if it is not of the package."""
     package, _, rest = str(found.__module__).partition(".")
     return rest.partition(".")[0] if package == "unbend" else ""
+
+
+class Commands(Generated):
+    """Every command of the terminal."""
+
+    def text(self) -> str:
+        """Return a section for each command."""
+        return "\n\n".join(sections(click.Context(main, info_name="unbend")))
+
+
+def sections(context: click.Context) -> Iterator[str]:
+    """Yield the section of a command, and those of its own commands."""
+    command = context.command
+    parts = [f"## `{context.command_path}`", inspect.cleandoc(command.help or "")]
+    parts += [f"```text\n{' '.join([context.command_path, *command.collect_usage_pieces(context)])}\n```"]
+    options = [parameter for parameter in command.params if isinstance(parameter, click.Option)]
+    records = [record for option in options if (record := option.get_help_record(context))]
+    if records:
+        parts.append(table(["option", "meaning"], [[f"`{names}`", markdown(text)] for names, text in records]))
+    yield "\n\n".join(parts)
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            yield from sections(click.Context(command.commands[name], info_name=name, parent=context))
+
+
+def markdown(text: str) -> str:
+    """Return the text of a terminal as Markdown: its defaults and choices are no links."""
+    return text.replace("[", "\\[").replace("<", "\\<")
 
 
 class Errors(Generated):
@@ -218,6 +249,7 @@ def check_public_names(_: Sphinx, env: BuildEnvironment) -> None:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("public-names", PublicNames)
+    app.add_directive("commands", Commands)
     app.add_directive("errors", Errors)
     app.add_directive("settings", ServerSettings)
     app.add_directive("requests", Requests)

@@ -86,7 +86,7 @@ class ModuleNames(Generated):
 def autodoc(name: str, module: ModuleType = unbend) -> str:
     """Return the directive that documents a public name of a module."""
     kind = "autoclass" if isinstance(getattr(module, name), type) else "autofunction"
-    members = "   :members:\n   :inherited-members: Exception, BaseException, tuple\n" if kind == "autoclass" else ""
+    members = "   :members:\n   :inherited-members: Exception, BaseException, tuple, TransformerMixin\n" if kind == "autoclass" else ""
     return f"```{{eval-rst}}\n.. {kind}:: {module.__name__}.{name}\n{members}```"
 
 

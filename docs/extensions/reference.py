@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 OPENAPI = Path(__file__).parents[2] / "openapi" / "openapi.json"
 BOUNDS = {Ge: ("at least", "ge"), Gt: ("above", "gt"), Le: ("at most", "le"), Lt: ("below", "lt")}
-
 log = logging.getLogger(__name__)
 
 
@@ -85,8 +84,14 @@ class ModuleNames(Generated):
 
 def autodoc(name: str, module: ModuleType = unbend) -> str:
     """Return the directive that documents a public name of a module."""
-    kind = "autoclass" if isinstance(getattr(module, name), type) else "autofunction"
-    members = "   :members:\n   :inherited-members: Exception, BaseException, tuple, TransformerMixin\n" if kind == "autoclass" else ""
+    found = getattr(module, name)
+    kind, options = "autofunction", []
+    if isinstance(found, type):
+        kind, options = "autoclass", ["   :members:"]
+        # Other packages have pages of their own for what is inherited from them.
+        if all(base.__module__.partition(".")[0] in {"unbend", "builtins", "typing"} for base in found.__mro__):
+            options.append("   :inherited-members: Exception, BaseException, tuple")
+    members = "".join(f"{option}\n" for option in options)
     return f"```{{eval-rst}}\n.. {kind}:: {module.__name__}.{name}\n{members}```"
 
 

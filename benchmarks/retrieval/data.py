@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def listed(dataset: str, *, merged: bool = True) -> tuple[list[Path], list[str]]
 
 def signatures_of(paths: Sequence[Path], parameters: Parameters) -> list[Signature]:
     found = []
-    for outcome in compute_paths(paths, parameters):
+    for _, outcome in sorted(compute_paths(paths, parameters), key=itemgetter(0)):
         if isinstance(outcome, UnbendError):
             raise outcome
         found.append(outcome.signature)

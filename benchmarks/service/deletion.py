@@ -45,9 +45,8 @@ def add(library: Library, data: bytes) -> str:
     corners, face = np.zeros((3, 3)), np.array([[0, 1, 2]])
     vectors = {"spectrum": np.zeros(160)}
     signature = Signature(corners, face, np.arange(3), np.full(3, 1 / 3), 1.0, 0.0, 0.0, vectors, FEW)
-    upload = Upload(data, "off", FEW)
-    computed = ComputedShape(upload.key, PackedSignature.of(signature), area=1.0, report={})
-    return library.shapes.add(upload, computed, ShapeRequest("shape", "class")).id
+    computed = ComputedShape(Upload(data, "off", FEW).key, PackedSignature.of(signature), area=1.0, report={})
+    return library.shapes.submit(computed, ShapeRequest("shape", "class"), lambda: data).result().id
 
 
 def milliseconds(call: Callable[[], object]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Final
 
 DEFAULT_LIBRARY: Final = "unbend.db"
@@ -25,3 +26,8 @@ def printable(name: str) -> str:
         return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     except UnicodeEncodeError:  # Windows allows unpaired surrogates
         return name.encode("utf-8", "backslashreplace").decode()
+
+
+def shape_name(file_name: str) -> str:
+    """Return the name of the shape of a file without a given name: the stem of the file's name, or "unnamed"."""
+    return printable(Path(file_name or "unnamed").stem)[:MAX_TEXT]

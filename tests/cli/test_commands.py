@@ -179,7 +179,7 @@ def test_compare_prints_the_distance(folder, measure):
 def test_an_import_with_labels_stores_every_file_with_its_class(library):
     with Library(library) as opened:
         assert opened.labels() == {"sheets": 3, "rings": 2}
-        assert [shape.name for shape in opened.page().items] == [Path(name).stem for name in MEMBERS]
+        assert {shape.name for shape in opened.page().items} == {Path(name).stem for name in MEMBERS}
 
 
 def test_an_import_can_use_folders_as_labels_and_names_files_that_fail(folder, tmp_path):
@@ -191,7 +191,7 @@ def test_an_import_can_use_folders_as_labels_and_names_files_that_fail(folder, t
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--library", tmp_path / "library.db")
     assert done.returncode == 3, done.stderr
     assert done.stdout == "5 of 6 shapes imported: 5 new\n"
-    assert done.stderr.count("\n") == 1
+    assert sum(": " in line for line in done.stderr.splitlines()) == 1
     assert str(tmp_path / "in/rings/broken.off") in done.stderr
     assert "ends early" in done.stderr
     with Library(str(tmp_path / "library.db")) as opened:
@@ -222,7 +222,7 @@ def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--url", small_server.url)
     assert done.returncode == 3, done.stderr
     assert done.stdout.startswith("5 of 7 shapes imported: ")
-    assert len(done.stderr.splitlines()) == 2
+    assert sum(": " in line for line in done.stderr.splitlines()) == 2
     assert "aaa.off: " in done.stderr
     assert "bbb.ply: " in done.stderr
     with Client(small_server.url) as client:
@@ -482,11 +482,10 @@ def test_an_evaluation_prints_a_table_of_the_chosen_measures(folder):
         ("", ["no column"]),
         ("path,class\n", ["no rows"]),
         ("path,class\n,a\n", ["line 2", "empty"]),
-        ("path,class\nsheets/flat.ply,a\nnowhere.ply,b\n", ["line 3", "nowhere.ply"]),
         ("path,class\nsheets/flat.ply,caf\udce9\n", []),
         ("path,class\n" + "x" * 200_000 + ",a\n", []),
     ],
-    ids=["no class", "no path", "empty", "no rows", "no name", "no file", "not UTF-8", "long field"],
+    ids=["no class", "no path", "empty", "no rows", "no name", "not UTF-8", "long field"],
 )
 @pytest.mark.parametrize("command", ["evaluate", "import"])
 def test_an_invalid_file_of_labels_fails_with_one_line(folder, tmp_path, command, text, words):
@@ -494,6 +493,12 @@ def test_an_invalid_file_of_labels_fails_with_one_line(folder, tmp_path, command
     labels.write_bytes(text.encode(errors="surrogateescape"))
     library = ["--library", tmp_path / "library.db"] if command == "import" else []
     failed_with_a_sentence(in_process(command, folder, "--labels", labels, *library), "labels.csv", *words)
+
+
+def test_an_evaluation_needs_every_labelled_file(folder, tmp_path):
+    labels = tmp_path / "labels.csv"
+    labels.write_text("path,class\nsheets/flat.ply,a\nnowhere.ply,b\n")
+    failed_with_a_sentence(in_process("evaluate", folder, "--labels", labels), "labels.csv, line 3", "nowhere.ply")
 
 
 def test_files_without_a_class_are_imported_without_a_label_and_not_evaluated(folder, tmp_path):

@@ -104,10 +104,10 @@ def test_an_import_reports_duplicate_and_ignored_files(tmp_path):
     (folder / "c").write_bytes(small_mesh(2))
     (folder / "labels.csv").write_text("path,class\na.ply,cat\n")
     done = succeeded("import", folder, "--samples", 40, "--library", tmp_path / "a.db", run=in_process)
-    assert done.stdout == "2 of 2 shapes imported: 1 new, 1 unchanged\n"
-    assert "b.ply: has the same bytes as" in done.stderr
+    assert done.stdout == "2 of 2 shapes imported: 1 new, 1 merged\n"
+    assert f"b.ply: has the same bytes as {folder / 'a.ply'}" in done.stderr
     assert "labels.csv exists, but is not read without --labels" in done.stderr
-    assert "1 other files are ignored, such as c" in done.stderr
+    assert "2 left out: not a mesh, such as c" in done.stderr
 
 
 @pytest.mark.parametrize(("column", "text"), [("metadata", "[1]"), ("parameters", "{"), ("policy", "1")])

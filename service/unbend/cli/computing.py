@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import click
 
 from unbend.cli.folder import LabelledFile
 from unbend.cli.options import Values, progress, warn, warn_of
@@ -18,6 +21,37 @@ if TYPE_CHECKING:
     from unbend.mesh.surface import Surface
     from unbend.render.request import PictureRequest
     from unbend.signature.signature import Signature
+
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Machine:
+    """The part of this machine that a command uses; None for the default of `Batch`."""
+
+    workers: int | None
+    memory_mb: int | None
+
+
+def machine_options(command: F) -> F:
+    """Add --workers and --memory-mb. The command receives them as one `Machine`, `machine`."""
+
+    @wraps(command)
+    def with_machine(*arguments: Any, workers: int | None, memory_mb: int | None, **others: Any) -> Any:
+        return command(*arguments, machine=Machine(workers, memory_mb), **others)
+
+    memory = click.option(
+        "--memory-mb",
+        metavar="N",
+        envvar="UNBEND_JOB_MEMORY_MB",
+        type=click.IntRange(min=1024),
+        help="Most megabytes of address space of each process; by default as for `unbend serve`.",
+    )
+    workers = click.option(
+        "--workers", metavar="N", type=click.IntRange(min=1), help="Number of processes; by default one for each core."
+    )
+    return cast("F", workers(memory(with_machine)))
 
 
 @dataclass(frozen=True)
@@ -54,14 +88,20 @@ def compute_file(mesh: Path, parameters: Values, policy: Values, *, local: bool 
 
 
 def compute_files(
-    files: Sequence[LabelledFile], parameters: Values, policy: Values, picture: PictureRequest | None = None
+    files: Sequence[LabelledFile],
+    parameters: Values,
+    policy: Values,
+    machine: Machine,
+    picture: PictureRequest | None = None,
 ) -> list[Computed]:
     """Return the signatures and the requested pictures of `files` in their order.
 
     Errors are printed, and other files are still computed.
     """
-    with progress(_computed(files, parameters, policy, picture), "computing signatures", len(files)) as bar:
-        results = list(bar)
+    computed = _computed(files, parameters, policy, machine, picture)
+    with progress(computed, "computing signatures", len(files)) as bar:
+        found = dict(bar)
+    results = [found[place] for place in range(len(files))]
     for result in results:
         if result.signature is None:
             warn(f"{result.file.path}: {result.error}")
@@ -71,28 +111,37 @@ def compute_files(
 
 
 def _computed(
-    files: Sequence[LabelledFile], parameters: Values, policy: Values, picture: PictureRequest | None
-) -> Iterator[Computed]:
-    from unbend.jobs.batch import compute_paths  # noqa: PLC0415
-    from unbend.signature.parameters import Parameters  # noqa: PLC0415
+    files: Sequence[LabelledFile], parameters: Values, policy: Values, machine: Machine, picture: PictureRequest | None
+) -> Iterator[tuple[int, Computed]]:
+    from unbend.jobs.batch import compute_path  # noqa: PLC0415
 
-    paths = [file.path for file in files]
-    outcomes = compute_paths(paths, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy), picture=picture)
-    for file, outcome in zip(files, outcomes, strict=True):
+    for place, outcome in _each(partial(compute_path, picture=picture), files, parameters, policy, machine):
+        file = files[place]
         if isinstance(outcome, UnbendError):
-            yield Computed(file, None, str(outcome))
+            yield place, Computed(file, None, str(outcome))
         else:
-            yield Computed(file, outcome.signature, picture=outcome.picture)
+            yield place, Computed(file, outcome.signature, picture=outcome.picture)
 
 
 def dimensions_of(
-    files: Sequence[LabelledFile], parameters: Values, policy: Values
+    files: Sequence[LabelledFile], parameters: Values, policy: Values, machine: Machine
 ) -> dict[Path, dict[Method, Floats]]:
     """Return the moments in 1 to 6 dimensions by path, without files that have errors."""
-    from unbend.jobs.batch import compute_each, dimensions_of_path  # noqa: PLC0415
+    from unbend.jobs.batch import dimensions_of_path  # noqa: PLC0415
+
+    outcomes = _each(dimensions_of_path, files, parameters, policy, machine)
+    with progress(outcomes, "embedding in 1 to 6 dimensions", len(files)) as bar:
+        found = dict(bar)
+    ordered = ((file.path, found[place]) for place, file in enumerate(files))
+    return {path: outcome for path, outcome in ordered if not isinstance(outcome, UnbendError)}
+
+
+def _each(
+    compute: Callable[..., T], files: Sequence[LabelledFile], parameters: Values, policy: Values, machine: Machine
+) -> Iterator[tuple[int, T | UnbendError]]:
+    from unbend.jobs.batch import compute_each  # noqa: PLC0415
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
     paths = [file.path for file in files]
-    outcomes = compute_each(dimensions_of_path, paths, Parameters.from_dict(parameters), MeshPolicy.from_dict(policy))
-    with progress(zip(paths, outcomes, strict=True), "embedding in 1 to 6 dimensions", len(paths)) as bar:
-        return {path: outcome for path, outcome in bar if not isinstance(outcome, UnbendError)}
+    given = Parameters.from_dict(parameters), MeshPolicy.from_dict(policy)
+    return compute_each(compute, paths, *given, workers=machine.workers, memory_mb=machine.memory_mb)

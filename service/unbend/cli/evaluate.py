@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from unbend.cli.computing import Machine, compute_files, dimensions_of, machine_options
+from unbend.cli.folder import read_labels, relative_name
 from unbend.cli.options import Values, folder_argument, json_option, parameter_options, policy_options, warn
-from unbend.names import printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,6 +42,7 @@ _PAGE = click.Path(dir_okay=False, writable=True, path_type=Path)
     help="Add the separation of classes in each measure, and in 1 to 6 dimensions; computes each shape again.",
 )
 @click.option("--html", metavar="FILE", type=_PAGE, help="Write a report with plots and pictures, as one HTML file.")
+@machine_options
 @parameter_options
 @policy_options
 def evaluate(
@@ -52,6 +54,7 @@ def evaluate(
     per_class: bool,
     separated: bool,
     html: Path | None,
+    machine: Machine,
     parameters: Values,
     policy: Values,
 ) -> None:
@@ -61,8 +64,6 @@ def evaluate(
     shapes whose nearest class in the gallery is right. Unusable files are printed on standard error. With
     --gallery, unusable queries count as wrong.
     """
-    from unbend.cli.computing import compute_files  # noqa: PLC0415
-    from unbend.cli.folder import read_labels  # noqa: PLC0415
     from unbend.errors import ParameterError  # noqa: PLC0415
     from unbend.matching.measures import VECTOR_MEASURES, get_vector_measure  # noqa: PLC0415
 
@@ -71,11 +72,11 @@ def evaluate(
         raise ParameterError(f"{html}: there is no folder {html.parent}")
     queries = _with_class(read_labels(labels, folder), labels)
     others = _with_class(read_labels(gallery, folder), gallery) if gallery else []
-    computed = compute_files(queries + others, parameters, policy, _picture() if html else None)
+    computed = compute_files(queries + others, parameters, policy, machine, _picture() if html else None)
     found = computed[: len(queries)]
     compared = computed[len(queries) :] if gallery else None
     evaluations = {measure.name: _evaluation(measure, found, compared) for measure in chosen}
-    separations = _separations(chosen, found, parameters, policy) if separated else None
+    separations = _separations(chosen, found, parameters, policy, machine) if separated else None
     if html:
         given = {"folder": folder, "labels": labels, "gallery": gallery}
         maps = {measure.name: _map(measure, found) for measure in chosen}
@@ -144,12 +145,15 @@ def _map(measure: VectorMeasure, computed: Sequence[Computed]) -> Floats:
 
 
 def _separations(
-    measures: Sequence[VectorMeasure], computed: Sequence[Computed], parameters: Values, policy: Values
+    measures: Sequence[VectorMeasure],
+    computed: Sequence[Computed],
+    parameters: Values,
+    policy: Values,
+    machine: Machine,
 ) -> tuple[dict[str, Clusters], Separation]:
     """Return the separation of classes under each measure, and by the number of dimensions."""
     import numpy as np  # noqa: PLC0415
 
-    from unbend.cli.computing import dimensions_of  # noqa: PLC0415
     from unbend.matching.evaluate import clusters, separation  # noqa: PLC0415
     from unbend.signature.dimensions import METHODS  # noqa: PLC0415
 
@@ -158,7 +162,7 @@ def _separations(
         vectors, labels = _vectors(measure, computed)
         by_measure[measure.name] = clusters(measure.matrix(np.stack(vectors)), labels)
     usable = [item.file for item in computed if item.signature]
-    found = dimensions_of(usable, parameters, policy)
+    found = dimensions_of(usable, parameters, policy, machine)
     labels = [str(file.label) for file in usable if file.path in found]
     stacked = {str(method): np.stack([of[method] for of in found.values()]) for method in METHODS} if found else {}
     return by_measure, separation(stacked, labels)
@@ -176,7 +180,7 @@ def _page(
     from unbend.matching.evaluate.report import Report, ShapePicture, render  # noqa: PLC0415
 
     def names(some: Sequence[Computed]) -> list[str]:
-        return [_name(item.file, folder) for item in some if item.signature]
+        return [relative_name(item.file.path, folder) for item in some if item.signature]
 
     queries, gallery = computed
     shapes = [*queries, *(gallery or ())]
@@ -186,7 +190,7 @@ def _page(
         queries=names(queries),
         gallery=names(queries if gallery is None else gallery),
         left_out=gallery is None,
-        failures=[(_name(item.file, folder), item.error) for item in shapes if item.error],
+        failures=[(relative_name(item.file.path, folder), item.error) for item in shapes if item.error],
         settings=settings,
         version=__version__,
         date=datetime.now(UTC).date(),
@@ -194,7 +198,7 @@ def _page(
         clusters=separations[0] if separations else {},
         separation=separations[1] if separations else None,
         pictures=[
-            ShapePicture(_name(item.file, folder), str(item.file.label), item.picture)
+            ShapePicture(relative_name(item.file.path, folder), str(item.file.label), item.picture)
             for item in shapes
             if item.picture
         ],
@@ -217,11 +221,6 @@ def _settings(parameters: Values, policy: Values) -> Values:
 
     chosen = Parameters.from_dict(parameters).as_dict() | MeshPolicy.from_dict(policy).as_dict()
     return chosen | {"algorithm version": ALGORITHM_VERSION}
-
-
-def _name(file: LabelledFile, folder: Path) -> str:
-    """Return the path of a file as the CSV has it."""
-    return printable(str(file.path.relative_to(folder) if file.path.is_relative_to(folder) else file.path))
 
 
 def _figures(evaluation: Evaluation, left_out: bool) -> dict[str, float]:

@@ -20,7 +20,6 @@ from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.limits import limit_process
 from unbend.jobs.reporting import ProgressReporter
 from unbend.library import Library
-from unbend.library.packing import PackedSignature
 from unbend.library.requests import FileCall, FileRequest, UploadKey
 from unbend.library.search import MapOptions
 from unbend.library.shape_rows import ComputedShape
@@ -108,8 +107,7 @@ def compute_shape(mesh: StoredMesh, parameters: Parameters) -> ShapeOutcome:
     """
     found, seconds = _compute(mesh, parameters, local=True)
     key = UploadKey.of(mesh.sha256, parameters, mesh.policy)
-    packed, surface = PackedSignature.of(found.signature), found.surface
-    return ShapeOutcome(ComputedShape(key, packed, surface.area, surface.report.as_dict()), seconds)
+    return ShapeOutcome(ComputedShape.of(key, found), seconds)
 
 
 def compute_query(mesh: StoredMesh, parameters: Parameters, local: bool = False) -> QueryOutcome:

@@ -14,7 +14,7 @@ from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.jobs import JobFilter, Jobs
 from unbend.library.keys import Keys
-from unbend.library.packing import PackedSignature, pack_local
+from unbend.library.packing import pack_local
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 from unbend.library.search import MapOptions, Search
 from unbend.library.search.overview import MAP_LIMIT
@@ -30,7 +30,7 @@ from unbend.mesh.policy import MeshPolicy, PolicyLike
 from unbend.mesh.read import read_mesh
 from unbend.mesh.sources import MeshSource, bytes_of
 from unbend.mesh.surface import Surface
-from unbend.names import DEFAULT_LIBRARY, MAX_TEXT, printable
+from unbend.names import DEFAULT_LIBRARY, shape_name
 from unbend.results.evaluations import EvaluationResult
 from unbend.results.jobs import JobKind, JobState, JobStatus
 from unbend.results.maps import MapDistance, ShapeMap
@@ -156,14 +156,12 @@ class Library:
         """
         file = bytes_of(source)
         given = {"name": name, "label": label, "metadata": metadata}
-        request = ShapeRequest.of(printable(Path(file.name or "unnamed").stem)[:MAX_TEXT], given, if_known)
+        request = ShapeRequest.of(shape_name(file.name), given, if_known)
         upload = Upload(file.data, file.file_type, Parameters.of(parameters), MeshPolicy.of(policy))
         if known := self.shapes.find(upload.key):
             return self.shapes.update_known(known, request)
         found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
-        surface, packed = found.surface, PackedSignature.of(found.signature)
-        computed = ComputedShape(upload.key, packed, surface.area, surface.report.as_dict())
-        return self.shapes.add(upload, computed, request)
+        return self.shapes.submit(ComputedShape.of(upload.key, found), request, lambda: upload.data).result()
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape; NotFoundError if there is none of this id."""

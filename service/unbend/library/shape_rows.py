@@ -6,7 +6,7 @@ import uuid
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
@@ -32,6 +32,7 @@ from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
 from unbend.results.jobs import UNFINISHED_STATES
 from unbend.results.rankings import ShapeMatch
 from unbend.results.shapes import AddedShape, ShapeOrder, ShapePage, ShapeRecord
+from unbend.signature.from_file import FileSignature
 from unbend.signature.signature import Signature
 
 MAX_PAGE = 500
@@ -115,6 +116,11 @@ class ComputedShape:
     area: float
     report: Mapping[str, Any]
 
+    @classmethod
+    def of(cls, key: UploadKey, found: FileSignature) -> Self:
+        """Return what the store has of a file with this key."""
+        return cls(key, PackedSignature.of(found.signature), found.surface.area, found.surface.report.as_dict())
+
 
 def put_mesh(connection: Connection, sha256: str, data: bytes) -> None:
     """Store a file's bytes unless they are stored already."""
@@ -197,11 +203,16 @@ def add_shape(connection: Connection, computed: ComputedShape, request: ShapeReq
 
 def update_known(connection: Connection, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
     """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
-    different = {name: value for name, value in request.changes.items() if getattr(shape, name) != value}
+    different = find_differences(shape, request)
     if different and request.if_known == "update":
         changed = change_shape(connection, shape.id, different)
         return AddedShape.of(changed, is_new=False, updated=sorted(different))
     return AddedShape.of(shape, is_new=False, ignored=sorted(different))
+
+
+def find_differences(shape: ShapeRecord, request: ShapeRequest) -> dict[str, Any]:
+    """Return the fields that `request` gives, where the shape has other values."""
+    return {name: value for name, value in request.changes.items() if getattr(shape, name) != value}
 
 
 def find_shape(connection: Connection, key: UploadKey) -> ShapeRecord | None:

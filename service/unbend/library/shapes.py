@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Collection, Hashable, Mapping
+from concurrent.futures import Future
 from functools import partial
 from typing import Any, TypeVar, get_args
 
 from unbend.errors import ParameterError, check_choice
 from unbend.library import shape_rows
 from unbend.library.metadata import check_changes
-from unbend.library.requests import ShapeRequest, Upload, UploadKey
+from unbend.library.requests import ShapeRequest, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.store import Store
 from unbend.results.shapes import AddedShape, ShapeOrder, ShapePage, ShapeRecord
@@ -107,19 +108,25 @@ class Shapes:
         """Store packed local signatures of a shape; do nothing if the shape was removed."""
         self._store.change(partial(shape_rows.put_local, shape_id=shape_id, payload=payload))
 
-    def add(self, upload: Upload, computed: ComputedShape, request: ShapeRequest) -> AddedShape:
-        """Store an upload and its results, or do as `update_known` does if a shape with its key is stored already."""
+    def submit(self, computed: ComputedShape, request: ShapeRequest, read: Callable[[], bytes]) -> Future[AddedShape]:
+        """Queue the storing of a file and its results; the future has the shape once it is on disk.
+
+        If a shape with the file's key is stored already, this does as `update_known` does. `read` returns the file. It
+        runs in the thread of the writer, so that queued files need no memory.
+        """
 
         def add(connection: Any) -> AddedShape:
             if known := shape_rows.find_shape(connection, computed.key):
                 return shape_rows.update_known(connection, known, request)
-            shape_rows.put_mesh(connection, upload.key.sha256, upload.data)
+            shape_rows.put_mesh(connection, computed.key.sha256, read())
             return AddedShape.of(shape_rows.add_shape(connection, computed, request), is_new=True)
 
-        return self._store.change(add)
+        return self._store.submit(add)
 
     def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
         """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""
+        if not shape_rows.find_differences(shape, request):
+            return AddedShape.of(shape, is_new=False)  # without waiting for the writer
         return self._store.change(partial(shape_rows.update_known, shape=shape, request=request))
 
     def change(self, shape_id: str, changes: Mapping[str, Any]) -> ShapeRecord:

@@ -1,0 +1,153 @@
+"""The import of files into a library, on all cores."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from unbend.cli.account import Ended
+from unbend.cli.first_paths import FirstPaths
+from unbend.cli.folder import LabelledFile
+from unbend.cli.import_options import ImportOptions, description_of
+from unbend.errors import MeshReadError, ParameterError, StoreError, UnbendError
+from unbend.jobs.batch import Batch, compute_upload
+from unbend.library import Library
+from unbend.library.requests import ShapeRequest, UploadKey
+from unbend.library.shape_rows import ComputedShape
+from unbend.mesh.policy import MeshPolicy
+from unbend.names import shape_name
+from unbend.results.shapes import AddedShape, ShapeRecord
+from unbend.signature.parameters import Parameters
+
+T = TypeVar("T")
+
+Found = ShapeRecord | ComputedShape
+"""The stored shape of a known file, or the results for another file."""
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A file whose shape is known or being computed."""
+
+    path: Path
+    key: UploadKey | None = None
+    request: ShapeRequest | None = None
+    first: Path | None = None
+    """An earlier file that is the same shape."""
+
+
+def import_into_library(
+    url: str, files: Iterator[LabelledFile], count: int, options: ImportOptions
+) -> Generator[Ended]:
+    """Store the shapes of `count` files, and yield each file once it is on disk.
+
+    Raises
+    ------
+    ParameterError
+        If options are invalid.
+    StoreError
+        If the library fails.
+    """
+    Parameters.from_dict(options.parameters), MeshPolicy.from_dict(options.policy)  # invalid for all files, if for one
+    machine = options.machine
+    with (
+        Library(url) as library,
+        FirstPaths() as firsts,
+        Batch(machine.workers, machine.memory_mb, count) as batch,
+    ):
+        importer = _Importer(library, batch, firsts, options)
+        for ready in batch.settled(map(importer.start, files)):
+            # All are queued before the first is waited for, so that they share a transaction.
+            queued = [(task, importer.store(task, future)) for task, future in ready]
+            for task, stored in queued:
+                yield importer.end(task, stored)
+
+
+class _Importer:
+    """Starts the computation of files that are not known, and stores the results."""
+
+    def __init__(self, library: Library, batch: Batch, firsts: FirstPaths, options: ImportOptions) -> None:
+        self._library = library
+        self._batch = batch
+        self._firsts = firsts
+        self._options = options
+        self._running: dict[UploadKey, Future[Found]] = {}
+
+    def start(self, file: LabelledFile) -> tuple[_Task, Future[Found]]:
+        """Return the task of a file, and the future of its shape or results. Files with equal keys share a future."""
+        options = self._options
+        try:
+            parameters = Parameters.from_dict(options.parameters_of(file))
+            policy = MeshPolicy.from_dict(options.policy_of(file))
+            sha256, content = options.content_of(file)
+            first = self._firsts.put(content, file.path)
+            # Otherwise files of the same content and different classes would change the shape in each import.
+            if_known = "keep" if first else options.if_known
+            request = ShapeRequest.of(shape_name(file.path.name), description_of(file), if_known)
+        except (ParameterError, MeshReadError) as error:
+            return _Task(file.path), _failed(error)
+        key = UploadKey.of(sha256, parameters, policy)
+        task = _Task(file.path, key, request, first)
+        if key not in self._running:
+            if known := self._library.shapes.find(key):
+                return task, _completed(known)
+            compute = partial(compute_upload, local=options.with_parts, threads=self._batch.threads)
+            self._running[key] = self._batch.submit(compute, file.path, parameters, policy)
+        return task, self._running[key]
+
+    def store(self, task: _Task, future: Future[Found]) -> Future[AddedShape]:
+        """Queue the storing of a task's results, or the change of its known shape."""
+        if (error := future.exception()) or not task.request:
+            return _failed(error)
+        found = future.result()
+        if isinstance(found, ShapeRecord):
+            return _completed(self._library.shapes.update_known(found, task.request))
+        return self._library.shapes.submit(found, task.request, partial(_read, task.path, found.key.sha256))
+
+    def end(self, task: _Task, stored: Future[AddedShape]) -> Ended:
+        """Wait until a task is stored, and say what happened to its file."""
+        try:
+            return _ended(task, stored.result())
+        except StoreError:
+            raise
+        except (UnbendError, OSError) as error:
+            return Ended(task.path, "failed", str(error))
+        finally:
+            if task.key:
+                self._running.pop(task.key, None)
+
+
+def _ended(task: _Task, shape: AddedShape) -> Ended:
+    ended = partial(
+        Ended, task.path, result=shape.id, taken=shape.updated, ignored=shape.ignored, warnings=shape.warnings
+    )
+    if shape.is_new:
+        return ended("new")
+    if task.first:
+        return ended("merged", str(task.first))
+    return ended("changed" if shape.updated else "unchanged")
+
+
+def _read(path: Path, sha256: str) -> bytes:
+    """Return the content of a file, which workers have read before."""
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise MeshReadError("the file changed while it was imported")
+    return data
+
+
+def _completed(result: T) -> Future[T]:
+    future: Future[T] = Future()
+    future.set_result(result)
+    return future
+
+
+def _failed(error: BaseException | None) -> Future[T]:
+    future: Future[T] = Future()
+    future.set_exception(error)
+    return future

@@ -1,0 +1,58 @@
+"""Options of an import, and how they apply to each file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from unbend.cli.computing import Machine
+from unbend.cli.folder import LabelledFile
+from unbend.cli.options import Values
+from unbend.errors import MeshReadError
+
+if TYPE_CHECKING:
+    from unbend.results.shapes import IfKnown
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """The options of an import. Those that are given for all files override those of a file."""
+
+    parameters: Values
+    policy: Values
+    if_known: IfKnown
+    with_parts: bool
+    """Whether to compute the local signatures too."""
+    machine: Machine
+
+    def parameters_of(self, file: LabelledFile) -> Values:
+        """Return the parameters of a file."""
+        return file.parameters | self.parameters
+
+    def policy_of(self, file: LabelledFile) -> Values:
+        """Return the reading policy of a file."""
+        return file.policy | self.policy
+
+    def content_of(self, file: LabelledFile) -> tuple[str, bytes]:
+        """Return the SHA-256 of a file, and a key that is equal for files that are one shape.
+
+        Raises
+        ------
+        MeshReadError
+            If the file cannot be read.
+        """
+        try:
+            with file.path.open("rb") as opened:
+                sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
+        except OSError as error:
+            raise MeshReadError(f"the file cannot be read: {error.strerror}") from None
+        content = json.dumps([sha256, self.parameters_of(file), self.policy_of(file)], sort_keys=True)
+        return sha256, hashlib.sha256(content.encode()).digest()
+
+
+def description_of(file: LabelledFile) -> dict[str, Any]:
+    """Return the given fields of a file's shape."""
+    given = {"name": file.name, "label": file.label, "metadata": file.metadata}
+    return {field: value for field, value in given.items() if value is not None}

@@ -1,0 +1,65 @@
+"""The import of files into a running service."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Iterator
+from functools import partial
+from typing import Final
+
+from unbend.cli.account import Ended
+from unbend.cli.connect import connect
+from unbend.cli.first_paths import FirstPaths
+from unbend.cli.folder import LabelledFile
+from unbend.cli.import_options import ImportOptions, description_of
+from unbend.client import Client, Job
+from unbend.errors import AccessError, ParameterError, ServiceError, UnbendError
+from unbend.results.shapes import AddedShape
+
+_AHEAD: Final = 64
+"""Most uploads whose shapes are waited for, enough that no worker of the service is idle."""
+
+
+def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOptions) -> Generator[Ended]:
+    """Upload files, and yield each once the service has stored its shape."""
+    with connect(url) as client, FirstPaths() as firsts:
+        waiting: deque[tuple[LabelledFile, Job[AddedShape]]] = deque()
+        for file in files:
+            try:
+                waiting.append((file, _submit(client, file, firsts, options)))
+            except (UnbendError, OSError) as error:
+                if isinstance(error, ServiceError | AccessError | ParameterError):  # it would repeat for every file
+                    raise
+                yield Ended(file.path, "failed", str(error))
+            if len(waiting) > _AHEAD:
+                yield _ended(*waiting.popleft(), firsts)
+        for file, job in waiting:
+            yield _ended(file, job, firsts)
+
+
+def _submit(client: Client, file: LabelledFile, firsts: FirstPaths, options: ImportOptions) -> Job[AddedShape]:
+    _, content = options.content_of(file)
+    # Otherwise files of the same content and different classes would change the shape in each import.
+    if_known = "keep" if firsts.put(content, file.path) else options.if_known
+    return client.submit(
+        file.path,
+        **description_of(file),
+        parameters=options.parameters_of(file),
+        policy=options.policy_of(file),
+        if_known=if_known,
+    )
+
+
+def _ended(file: LabelledFile, job: Job[AddedShape], firsts: FirstPaths) -> Ended:
+    try:
+        shape = job.result()
+    except UnbendError as error:
+        return Ended(file.path, "failed", str(error))
+    ended = partial(Ended, file.path, result=shape.id, taken=shape.updated, warnings=shape.warnings)
+    if first := firsts.put(shape.id.encode(), file.path):
+        # The service does not say it of a file that was computed at the same time as the first.
+        ignored = [field for field, value in description_of(file).items() if getattr(shape, field) != value]
+        return ended("merged", str(first), ignored=ignored)
+    if shape.is_new:
+        return ended("new")
+    return ended("changed" if shape.updated else "unchanged", ignored=shape.ignored)

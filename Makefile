@@ -1,5 +1,6 @@
 # make serve   start the service with a demo library      make test    run all tests
 # make check   lint, types, layers and tests              make bench   list or run benchmarks
+# make docs    build the documentation into site/
 
 PYTHON ?= python3
 HOST ?= 127.0.0.1
@@ -7,7 +8,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench reliability openapi client clean clean-kernels
+.PHONY: serve test lint types layers check bench docs reliability openapi client clean clean-kernels
 
 serve: .venv/run
 	@echo "Compiling the kernels: about a minute at the first start."
@@ -35,6 +36,11 @@ check: lint types layers test
 bench: .venv/bench
 	$(BIN)/python -m benchmarks$(if $(NAME),.$(NAME))
 
+# Warnings are errors. The site is static: open site/index.html, or copy the folder to any web server.
+docs: .venv/docs
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --fresh-env \
+		--doctree-dir build/doctrees docs site
+
 # Takes an hour: kills processes, fills a disk (as root), and sends thousands of damaged files and generated requests.
 reliability: .venv/test
 	$(BIN)/python -m benchmarks.service.reliability
@@ -53,7 +59,7 @@ clean-kernels:
 	find service -name '*.nb[ic]' -delete
 
 clean: clean-kernels
-	rm -rf .venv demo.db demo.db-wal demo.db-shm service/unbend/api/page service/web/node_modules
+	rm -rf .venv site build/doctrees demo.db demo.db-wal demo.db-shm service/unbend/api/page service/web/node_modules
 
 .venv/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unbend needs Python 3.11 or newer: make PYTHON=...")'
@@ -72,4 +78,9 @@ clean: clean-kernels
 
 .venv/bench: .venv/python pyproject.toml
 	$(BIN)/pip install --quiet --editable '.[bench]'
+	touch $@
+
+.venv/docs: .venv/python pyproject.toml
+	@echo "Installing unbend and the tools of its documentation: a minute or more, without output."
+	$(BIN)/pip install --quiet --editable '.[docs]'
 	touch $@

@@ -30,6 +30,7 @@ settings.load_profile("unbend")
 SLOWEST = (
     "test_page.py",
     "test_commands.py",
+    "test_blocks.py",
     "test_hostile_clients.py",
     "test_contract.py",
     "test_ends.py",

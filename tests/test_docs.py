@@ -24,6 +24,7 @@ from unbend.signature.parameters import Parameters
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 
 
 def test_every_setting_is_documented_with_its_default():
@@ -71,20 +72,7 @@ def test_every_dependency_is_explained_in_the_decisions():
         assert re.search(rf"\b{re.escape(name)}\b", text), requirement
 
 
-def test_the_examples_of_the_ecosystem_run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    for block in re.findall(r"^```python\n(.*?)^```", (DOCS / "ecosystem.md").read_text(), re.MULTILINE | re.DOTALL):
-        exec(compile(block, "ecosystem.md", "exec"), names)  # noqa: S102  our own page
-    printed = capsys.readouterr().out
-    assert printed.startswith(f"['{names['labels'][0]}']\n")
-    assert "Surface(" in printed
-    assert "Signature(100 points in 3 dimensions" in printed
-    assert {path.name for path in tmp_path.glob("*.png")} == {"form.png", "field.png", "map.png", "ranking.png"}
-    assert names["html"].count("<img") == 5
-
-
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_relative_link_of_a_page_has_a_target(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
@@ -116,6 +104,18 @@ def test_every_name_in_the_steps_of_the_paper_exists():
                 assert f'"{name}"' in text, name
 
 
+def test_every_section_that_a_script_prints_has_one_place_and_a_script():
+    scripts = [path.read_text() for path in (ROOT / "benchmarks").rglob("*.py")]
+    pages = [DOCS / "reliability.md", *sorted((DOCS / "benchmarks").glob("*.md"))]
+    for page in pages:
+        text = page.read_text()
+        begun, ended = (re.findall(rf"^<!-- ([\w-]+): {word} -->$", text, re.MULTILINE) for word in ("begin", "end"))
+        assert begun == ended, page.name
+        assert len(set(begun)) == len(begun) > 0, page.name
+        for name in begun:
+            assert any(page.name in script and f'"{name}"' in script for script in scripts), (page.name, name)
+
+
 def options() -> list[click.Parameter]:
     return [parameter for command in main.commands.values() for parameter in command.params]
 
@@ -132,7 +132,7 @@ def is_public(name: str) -> bool:
     return not last or last in dir(found) or last in {field.name for field in fields(found)}
 
 
-@pytest.mark.parametrize("page", sorted([*DOCS.glob("*.md"), ROOT / "README.md"]), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_path_on_a_page_exists(page):
     named = set(re.findall(r"`((?:\w+/)+[\w.]+\.\w+)`", page.read_text()))
     roots = (ROOT, ROOT / "service" / "unbend")

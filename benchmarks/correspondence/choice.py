@@ -1,6 +1,6 @@
 """The contribution of each part of `match`, on the pairs on which its constants were chosen.
 
-Takes five minutes. Writes the section "correspondence-choice" of docs/benchmarks.md.
+Takes five minutes. Writes the section "correspondence-choice" of docs/benchmarks/correspondence.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.correspondence.data import DATASETS, errors, pairs
 from unbend import match
 
@@ -56,7 +56,7 @@ def main() -> None:
         "is nearer, and how often the mirror image was.\n\n"
         + table(["left out", *(f"{name}{more}" for name in DATASETS for more in ("", ": flipped"))], rows)
     )
-    write_section(ROOT / "docs" / "benchmarks.md", "correspondence-choice", text)
+    write_section(BENCHMARKS / "correspondence.md", "correspondence-choice", text)
 
 
 if __name__ == "__main__":

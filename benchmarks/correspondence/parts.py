@@ -1,7 +1,7 @@
 """Errors of `match` for pieces of real shapes with known origin, matched to wholes.
 
 Constants were chosen on the other half of the shapes. One thread. Writes the section "correspondence-parts" of
-docs/benchmarks.md.
+docs/benchmarks/correspondence.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.correspondence.data import DATASETS, Subject, distances_to, pairs, same_person
 from benchmarks.partial.cuts import CUTS, piece
 from unbend import Surface, match
@@ -116,7 +116,7 @@ def main() -> None:
         + table(header, [row(name, found) for name, found in by_cut.items()])
     )
     if HALF == "report":
-        write_section(ROOT / "docs" / "benchmarks.md", "correspondence-parts", text)
+        write_section(BENCHMARKS / "correspondence.md", "correspondence-parts", text)
     else:
         print(text)
 

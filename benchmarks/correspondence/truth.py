@@ -1,7 +1,7 @@
 """Errors of `match` on real shapes with known correspondence, beside functional maps with ZoomOut by pyFM.
 
 Constants were chosen on the other half of the shapes. One thread; takes a quarter of an hour. pyFM is measured if it is
-installed (`pip install pyfmaps`). Writes the section "correspondence" of docs/benchmarks.md.
+installed (`pip install pyfmaps`). Writes the section "correspondence" of docs/benchmarks/correspondence.md.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.correspondence.data import DATASETS, Subject, errors, floor, pairs
 from unbend import match
 from unbend.arrays import Floats, Indices, Singles
@@ -119,7 +119,7 @@ def main() -> None:
         + ", ".join(floors)
         + "."
     )
-    write_section(ROOT / "docs" / "benchmarks.md", "correspondence", text)
+    write_section(BENCHMARKS / "correspondence.md", "correspondence", text)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python -m benchmarks.embedding.isometric
 
-Writes the section "isometric" of docs/benchmarks.md.
+Writes the section "isometric" of docs/benchmarks/embedding.md.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from unbend import Signature, Surface, compare, compute_signature
 from unbend.matching.measures import MEASURES, VECTOR_MEASURES
 from unbend.mesh.shapes import TUBE_POSES, bent_tube, cylinder, helicoid_catenoid, s_bend, sheet, spiral
@@ -50,7 +50,7 @@ def main() -> None:
     parts = [INTRODUCTION]
     parts += [_family_table(family, bendings) for family, bendings in families().items()]
     parts.append(_radius_table())
-    write_section(ROOT / "docs" / "benchmarks.md", "isometric", "\n\n".join(parts))
+    write_section(BENCHMARKS / "embedding.md", "isometric", "\n\n".join(parts))
 
 
 def _family_table(family: str, bendings: list[Bending]) -> str:

@@ -3,14 +3,14 @@
     python -m benchmarks.embedding.samples
 
 Uses meshes of four data sets, and compares the time of a signature with `samples="auto"` to the time with 300 samples.
-Writes the section "samples" of docs/benchmarks.md.
+Writes the section "samples" of docs/benchmarks/embedding.md.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.common import ROOT, in_turns, table, write_section
+from benchmarks.common import BENCHMARKS, in_turns, table, write_section
 from benchmarks.embedding.meshes import listed
 from unbend import Parameters, Signature, Surface, compute_signature, read_mesh
 
@@ -28,7 +28,7 @@ def main() -> None:
             rows.append([dataset, len(surfaces), tolerance, *np.percentile(counts, [0, 50, 100]).astype(int),
                          f"{np.median(ratios):.1f}"])  # fmt: skip
     write_section(
-        ROOT / "docs" / "benchmarks.md", "samples",
+        BENCHMARKS / "embedding.md", "samples",
         "**Samples by analysis**: how many `samples=\"auto\"` takes until the spectrum moves by at most the tolerance,"
         " and the median time of a signature over that with 300 samples, in turns.\n\n"
         + table(["data set", "meshes", "tolerance", "fewest", "median", "most", "time / time with 300"], rows),

@@ -1,7 +1,7 @@
 """Scaling compared with other libraries: time, stress, iterations, effective dimensions, and the time of a signature.
 
 Every method runs in one thread, except that whole forms use all threads. The methods take turns, and the quickest turn
-counts. Writes the section "embedding" of docs/benchmarks.md.
+counts. Writes the section "embedding" of docs/benchmarks/embedding.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy.linalg import eigh
 from sklearn.manifold import ClassicalMDS
 from sklearn.manifold import smacof as sklearn_smacof
 
-from benchmarks.common import DATA, ROOT, in_turns, table, write_section
+from benchmarks.common import BENCHMARKS, DATA, in_turns, table, write_section
 from benchmarks.embedding.meshes import matrices_of_meshes, matrices_of_others, matrix_of
 from benchmarks.embedding.studies import acceleration_table, dimension_table, minima_table, order_table
 from benchmarks.embedding.surfaces import surface_table
@@ -47,7 +47,7 @@ def main() -> None:
         signature_table(),
         form_table(),
     ]
-    write_section(ROOT / "docs" / "benchmarks.md", "embedding", "\n\n".join(parts))
+    write_section(BENCHMARKS / "embedding.md", "embedding", "\n\n".join(parts))
 
 
 def _peers() -> str:

@@ -1,6 +1,7 @@
 """Distances on thousands of small damaged meshes: each mesh must give correct distances or a typed error.
 
-Compares with exact geodesics of the repaired mesh. Writes "defects" of docs/benchmarks.md; --print only prints.
+Compares with exact geodesics of the repaired mesh. Writes "defects" of docs/benchmarks/distances.md; --print only
+prints.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from tests.support.defects import COARSE, UPDATES, Mesh, examine, random_defective
 
 CHUNK = 50
@@ -40,13 +41,13 @@ class Result:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("count", nargs="?", type=int, default=20_000)
-    parser.add_argument("--print", action="store_true", dest="only_print", help="leave docs/benchmarks.md alone")
+    parser.add_argument("--print", action="store_true", dest="only_print", help="leave the page alone")
     options = parser.parse_args()
     text = report(list(run(options.count)))
     if options.only_print:
         print(text)
     else:
-        write_section(ROOT / "docs" / "benchmarks.md", "defects", text)
+        write_section(BENCHMARKS / "distances.md", "defects", text)
 
 
 def run(count: int) -> Iterator[Result]:

@@ -1,7 +1,7 @@
 """Error, time and memory of geodesic distances, compared with every library that has a wheel.
 
 Each method runs in a process of its own, and the methods take turns on a mesh. Writes the section "geodesics" of
-docs/benchmarks.md and docs/pictures/geodesics.png; with --quick, measures less and only prints.
+docs/benchmarks/distances.md and docs/pictures/geodesics.png; with --quick, measures less and only prints.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
-from benchmarks.common import ROOT, write_section
+from benchmarks.common import BENCHMARKS, ROOT, write_section
 from benchmarks.geodesics.figure import draw
 from benchmarks.geodesics.measure import measure
 from benchmarks.geodesics.meshes import DETAILED, REAL, Folder, Mesh
@@ -32,14 +32,14 @@ def main(arguments: list[str]) -> None:
         results = _measure_meshes(folder, quick=quick)
         detailed = {name: of for name, of in results.items() if name in DETAILED}
         parts = [_circumstances(), error_table(results), time_table(results)]
-        parts += [f"![Error over time](pictures/{PICTURE.name})", cost_table(detailed)]
+        parts += [f"![Error over time](../pictures/{PICTURE.name})", cost_table(detailed)]
         parts += _study(folder, quick=quick)
     text = "\n\n".join(parts)
     if quick:
         print(text)
     else:
         draw(detailed, PICTURE)
-        write_section(ROOT / "docs" / "benchmarks.md", "geodesics", text)
+        write_section(BENCHMARKS / "distances.md", "geodesics", text)
 
 
 def _measure_meshes(folder: Folder, *, quick: bool) -> Results:

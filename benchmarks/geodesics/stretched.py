@@ -2,7 +2,7 @@
 
 Measures good and stretched meshes. The comparison is the heat method of geometry-central, which also runs on an
 intrinsic Delaunay triangulation. Errors are against exact distances. Takes a few minutes. Writes the section
-"stretched" of docs/benchmarks.md; --print only prints.
+"stretched" of docs/benchmarks/distances.md; --print only prints.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.common import DATA, ROOT, in_turns, table, write_section
+from benchmarks.common import BENCHMARKS, DATA, ROOT, in_turns, table, write_section
 from benchmarks.geodesics.peers import potpourri_heat
 from tests.support.oracles import exact_distances
 from tests.support.stretched_meshes import cad_models, height_map
@@ -64,13 +64,13 @@ def groups() -> Iterator[tuple[str, list[Surface]]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--print", action="store_true", dest="only_print", help="leave docs/benchmarks.md alone")
+    parser.add_argument("--print", action="store_true", dest="only_print", help="leave the page alone")
     options = parser.parse_args()
     text = report({name: [measure(surface) for surface in surfaces] for name, surfaces in groups()})
     if options.only_print:
         print(text)
     else:
-        write_section(ROOT / "docs" / "benchmarks.md", "stretched", text)
+        write_section(BENCHMARKS / "distances.md", "stretched", text)
 
 
 def measure(surface: Surface) -> Measured:

@@ -1,11 +1,11 @@
 """Time and memory of local signatures, and of a query by them.
 
-python -m benchmarks.partial.cost            # writes the section "pieces-cost" of docs/benchmarks.md
+python -m benchmarks.partial.cost            # writes the section "pieces-cost" of docs/benchmarks/pieces.md
 """
 
 from __future__ import annotations
 
-from benchmarks.common import DATA, ROOT, best_of, table, write_section
+from benchmarks.common import BENCHMARKS, DATA, best_of, table, write_section
 from benchmarks.partial.cuts import piece
 from unbend import compute_signature, read_mesh
 from unbend.library.packing import pack_local
@@ -39,7 +39,7 @@ def main() -> None:
         [["`partial`", f"{scan[0]:.1f}"], ["`partial_any_scale`", f"{scan[1]:.1f}"]],
     )
     note = "On one core, with the local signatures of the library in memory."
-    write_section(ROOT / "docs" / "benchmarks.md", "pieces-cost", f"{note}\n\n{costs}\n\n{queries}")
+    write_section(BENCHMARKS / "pieces.md", "pieces-cost", f"{note}\n\n{costs}\n\n{queries}")
 
 
 def _load(whole):

@@ -1,6 +1,6 @@
 """How often key points of one pose are key points of another, by several measures of FAUST and TOSCA.
 
-python -m benchmarks.partial.key_points        # writes the section "key-points" of docs/benchmarks.md
+python -m benchmarks.partial.key_points        # writes the section "key-points" of docs/benchmarks/pieces.md
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import eigsh
 
-from benchmarks.common import DATA, ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, DATA, table, write_section
 from benchmarks.correspondence.data import Subject, subject
 from unbend import Surface
 from unbend.arrays import Bools, Floats, Indices
@@ -159,7 +159,7 @@ def main() -> None:
         f"Of {CENTRES} points on each mesh, each key point is extreme among those nearer than {SCALE}.\n"
     )
     text = table(["key points", *FOLDERS], rows)
-    write_section(ROOT / "docs" / "benchmarks.md", "key-points", f"{note}\n{text}")
+    write_section(BENCHMARKS / "pieces.md", "key-points", f"{note}\n{text}")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
 """Section 5 of the paper alone: curvature extrema, geodesic circles around them, and moments of their signatures.
 
-python -m benchmarks.partial.paper            # writes the section "pieces-paper" of docs/benchmarks.md
+python -m benchmarks.partial.paper            # writes the section "pieces-paper" of docs/benchmarks/pieces.md
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.partial.cuts import CUTS, piece
 from benchmarks.partial.pieces import DATASETS, Wholes
 from unbend import Surface, compute_signature, geodesic_distances
@@ -63,7 +63,7 @@ def main() -> None:
         rows.append([f"SHREC'11, {len(found)} pieces", cut, wholes.figures(found, step, wholes.labels)])
         print(rows[-1], flush=True)
     text = table(["data", "piece", "the paper's way: curvature extrema, circles, moments"], rows)
-    write_section(ROOT / "docs" / "benchmarks.md", "pieces-paper", text)
+    write_section(BENCHMARKS / "pieces.md", "pieces-paper", text)
 
 
 if __name__ == "__main__":

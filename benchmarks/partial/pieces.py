@@ -1,6 +1,6 @@
 """Which whole is a piece of: the class and the origin of pieces of SHREC'11 and TOSCA, by several measures.
 
-python -m benchmarks.partial.pieces            # writes the sections "pieces" and "pieces-tosca" of docs/benchmarks.md
+python -m benchmarks.partial.pieces            # writes "pieces" and "pieces-tosca" of docs/benchmarks/pieces.md
 python -m benchmarks.partial.pieces TOSCA      # writes one of them
 python -m benchmarks.partial.pieces choose     # prints constants by the half that they come from
 """
@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.partial.cuts import CUTS, piece
 from benchmarks.retrieval.data import half, listed
 from unbend import Surface, compute_signature, read_mesh
@@ -237,7 +237,7 @@ def main() -> None:
         return
     for title in sys.argv[1:] or DATASETS:
         notes = NOTES.format(per=PER_CLASS) + "\n" if title == "SHREC'11" else ""
-        write_section(ROOT / "docs" / "benchmarks.md", SECTIONS[title], f"{notes}{measured(title)}")
+        write_section(BENCHMARKS / "pieces.md", SECTIONS[title], f"{notes}{measured(title)}")
 
 
 if __name__ == "__main__":

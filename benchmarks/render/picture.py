@@ -1,7 +1,7 @@
 """Time to draw meshes at 512 pixels, beside VTK (through Mesa) and matplotlib where they are installed.
 
 All draw the same faces with smooth or flat shades to an array, on this machine's cores, in turns. Writes the section
-"pictures" of docs/benchmarks.md.
+"pictures" of docs/benchmarks/page.md.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from benchmarks.common import ROOT, in_turns, table, write_section
+from benchmarks.common import BENCHMARKS, in_turns, table, write_section
 from unbend import Surface
 from unbend.mesh.shapes import torus
 from unbend.render.colours import THEMES
@@ -55,7 +55,7 @@ def main() -> None:
         "pixel, and finds normals, lights and soft shadows. VTK draws through Mesa's software with eight samples per "
         "pixel and smooth normals; matplotlib fills whole triangles in flat shades, from far to near.\n\n"
     )
-    write_section(ROOT / "docs" / "benchmarks.md", "pictures", text + table(header, rows))
+    write_section(BENCHMARKS / "page.md", "pictures", text + table(header, rows))
 
 
 def _ours(surface: Surface, contours: int = 0, threads: int | None = None) -> Callable[[], np.ndarray]:

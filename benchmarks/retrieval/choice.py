@@ -2,7 +2,7 @@
 
 Every second class of each data set, in alphabetical order, is in the half that chooses. The criterion is the mean over
 data sets of the mean average precision. Galleries always contain all shapes. Writes the section "retrieval-choice" of
-docs/benchmarks.md.
+docs/benchmarks/retrieval.md.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.retrieval.data import DATASETS, half, in_processes, listed, unit_distances
 from unbend import Parameters, compute_signature, read_mesh
 from unbend.descriptors import moments as moments_module
@@ -215,7 +215,7 @@ def main() -> None:
     text += f"{len(MOMENTS) * len(DISTRIBUTION)} weights of moments and distribution for `combined`:\n\n"
     text += table(header, more)
     text += f"\n\n{len(BLURS) * len(DROPPED)} variants of `moments`:\n\n{table(header, last)}"
-    write_section(ROOT / "docs" / "benchmarks.md", "retrieval-choice", text)
+    write_section(BENCHMARKS / "retrieval.md", "retrieval-choice", text)
 
 
 if __name__ == "__main__":

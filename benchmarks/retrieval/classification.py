@@ -2,7 +2,7 @@
 
 Prints the constants for service/unbend/matching/classification/calibration.py. If that file has other constants, copy
 the printed ones into it and run the benchmark again. Takes a few minutes. Writes the section "classification" of
-docs/benchmarks.md.
+docs/benchmarks/classification.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.retrieval import classification_cost
 from benchmarks.retrieval.classification_constants import (
     CHOSEN_RULE,
@@ -66,7 +66,7 @@ def main() -> None:
         *_rule_of_each_measure(sets),
         *classification_cost.tables(sets[0].vectors[DEFAULT_MEASURE].shape[1]),
     ]
-    write_section(ROOT / "docs" / "benchmarks.md", "classification", "\n\n".join(parts))
+    write_section(BENCHMARKS / "classification.md", "classification", "\n\n".join(parts))
     found, stored = constants(sets), _stored_constants()
     print(f"\nConstants chosen in this run:\n{found}")
     print("These are in calibration.py." if found == stored else f"calibration.py has others:\n{stored}")

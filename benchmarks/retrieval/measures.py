@@ -2,7 +2,7 @@
 
 Queries are leave-one-out, and no measure is trained here. `benchmarks/retrieval/choice.py` chose the kernels, weights
 and moments of some measures on half of the classes.
-Takes a few minutes. Writes the section "retrieval" of docs/benchmarks.md.
+Takes a few minutes. Writes the section "retrieval" of docs/benchmarks/retrieval.md.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.retrieval.data import DATASETS, half, in_processes, listed, signatures_of, unit_distances
 from unbend import Signature, compute_signature, embed, read_mesh
 from unbend.descriptors.distribution import distance_distribution
@@ -77,7 +77,7 @@ def main() -> None:
         f"Mean average precision after one change to the defaults, {' and '.join(DATASETS[:2])}.",
         table(["", *(f"{name} {of}" for name in DATASETS[:2] for of in ABLATED)], _ablation(signatures)),
     ]
-    write_section(ROOT / "docs" / "benchmarks.md", "retrieval", "\n\n".join(parts))
+    write_section(BENCHMARKS / "retrieval.md", "retrieval", "\n\n".join(parts))
 
 
 def _rows(dataset: str, signatures: list[Signature]) -> list[list[str]]:

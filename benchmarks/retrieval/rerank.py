@@ -1,7 +1,7 @@
 """Retrieval by pair measures: on the short list of the default measure, and alone.
 
 The classes of each data set alternate by name between two halves, A and B. Choices (the modified Hausdorff distance,
-the length of the short list) were made on A only. Writes the section "rerank" of docs/benchmarks.md.
+the length of the short list) were made on A only. Writes the section "rerank" of docs/benchmarks/retrieval.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, table, write_section
 from benchmarks.retrieval.data import half, listed, signatures_of
 from unbend.arrays import Floats, Indices
 from unbend.matching.evaluate import RetrievalMetrics, evaluate
@@ -103,7 +103,7 @@ def main() -> None:
             paired = shapes.pair_distances(listed)
         lists += list_rows(shapes, paired, changes)
     text = "\n\n".join((alone_text(alone), list_text(lists), change_text(changes), search_text(data)))
-    write_section(ROOT / "docs" / "benchmarks.md", "rerank", text)
+    write_section(BENCHMARKS / "retrieval.md", "rerank", text)
 
 
 def load(dataset: str) -> Shapes:

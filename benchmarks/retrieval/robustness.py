@@ -1,7 +1,7 @@
 """Retrieval of disturbed shapes: remeshed, cut, scaled, noisy; and the detection of noise.
 
 Uses the default parameters and measure, and takes about eight minutes on two cores. Writes the section "robustness" of
-docs/benchmarks.md; `--quick` runs few queries, and only prints.
+docs/benchmarks/robustness.md; `--quick` runs few queries, and only prints.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import DATA, ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, DATA, table, write_section
 from benchmarks.retrieval.data import in_processes, listed
 from benchmarks.retrieval.robustness_changes import DISTURBANCES, NOISE, NOTHING, described, roughnesses
 from unbend.arrays import Floats, Singles
@@ -58,7 +58,7 @@ def main() -> None:
     if quick:
         print(text)
     else:
-        write_section(ROOT / "docs" / "benchmarks.md", "robustness", text)
+        write_section(BENCHMARKS / "robustness.md", "robustness", text)
     print(f"{time.perf_counter() - start:.0f} s")
 
 

@@ -1,7 +1,7 @@
 """Retrieval of shapes whose files split vertices, and the time of stitching seams.
 
 Every 16th mesh of shrec11_simplified is a query, and the gallery then lacks that mesh. Uses the default parameters and
-measure, and takes two minutes. Writes the section "seams" of docs/benchmarks.md.
+measure, and takes two minutes. Writes the section "seams" of docs/benchmarks/robustness.md.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from benchmarks.common import ROOT, best_of, table, write_section
+from benchmarks.common import BENCHMARKS, best_of, table, write_section
 from benchmarks.retrieval.data import in_processes, listed, signatures_of
 from unbend import MeshPolicy, Surface, compute_signature, read_mesh
 from unbend.arrays import Floats, Indices
@@ -122,7 +122,7 @@ def main() -> None:
         "Seconds to read a torus of a million faces as ply without joining seams, and to join them.",
         table(["written", "reading", "joining"], [_seconds(way) for way in ("indexed", "flat-shaded")]),
     ]
-    write_section(ROOT / "docs" / "benchmarks.md", "seams", "\n\n".join(parts))
+    write_section(BENCHMARKS / "robustness.md", "seams", "\n\n".join(parts))
 
 
 def _key(surface: Surface) -> str:

@@ -4,7 +4,7 @@
 
 Creates a real library in the folder for temporary files, with up to SHAPES shapes (a million by default) of random
 descriptors; each shape takes two kilobytes. Includes Faiss if it is installed. Writes the section "search" of
-docs/benchmarks.md.
+docs/benchmarks/search.md.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import httpx
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from benchmarks.common import ROOT, best_of, in_turns, table, write_section
+from benchmarks.common import BENCHMARKS, best_of, in_turns, table, write_section
 from tests.support.server import Server
 from unbend.arrays import Floats, Singles
 from unbend.library import Library
@@ -74,7 +74,7 @@ def main() -> None:
                 row, peers = measure(library, random)
                 ours.append([f"{size:,}", *row])
                 others.append([f"{size:,}", *peers])
-    write_section(ROOT / "docs" / "benchmarks.md", "search", text(ours, others, http))
+    write_section(BENCHMARKS / "search.md", "search", text(ours, others, http))
 
 
 def classes_of(size: int) -> int:

@@ -4,7 +4,7 @@
 
 Makes a library of 600 shapes (meshes of SHREC'11), and opens the page in new browser contexts, in turns with a static
 page of the same files. Then it turns a torus of 500,000 faces, and scrolls a mocked list of 20,000 shapes. WebGL runs
-in software. Writes the section "page" of docs/benchmarks.md.
+in software. Writes the section "page" of docs/benchmarks/page.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import httpx
 import numpy as np
 from playwright.sync_api import Browser, Page, Route
 
-from benchmarks.common import ROOT, table, write_section
+from benchmarks.common import BENCHMARKS, ROOT, table, write_section
 from benchmarks.retrieval.data import listed
 from benchmarks.web.browser import chromium, fresh_page
 from tests.support.server import Server, ply, stored
@@ -140,7 +140,7 @@ def main() -> None:
         with Server(folder / "many") as server:
             grid += [grid_row(browser, server.url, SHAPES, "as a wheel does", GRID_SPEEDS["as a wheel does"])]
         version = browser.version
-    write_section(ROOT / "docs" / "benchmarks.md", "page", text(version, start, models, grid))
+    write_section(BENCHMARKS / "page.md", "page", text(version, start, models, grid))
 
 
 def fill(folder: Path) -> None:

@@ -57,7 +57,9 @@ class UnbendError(Exception):
     """Base of all errors of this package."""
 
     code: ClassVar[str] = "error"
+    """The stable, lower-case name of the error, for programs."""
     advice: str = ""
+    """A sentence that says what the caller can do; empty if there is no advice."""
     status: int | None = None
     """The status of the response, if a service reported the error to a client."""
     problem: Mapping[str, object] = MappingProxyType({})

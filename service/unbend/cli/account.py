@@ -24,7 +24,7 @@ EXIT_SOME_FAILED: Final = 3
 EXIT_INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
 
 Outcome = Literal["new", "changed", "unchanged", "merged", "failed", "left out"]
-"""What happened to a file.
+"""The end of a file.
 
 `changed` and `unchanged` files were known before. A `merged` file has the same content as an earlier one.
 """

@@ -35,7 +35,7 @@ class LeftOut:
     path: Path
     reason: str
     fault: str = ""
-    """What is wrong, if the user asked for this file; empty otherwise."""
+    """The error, if the user asked for this file; empty otherwise."""
 
 
 NO_MESH: Final = "not a mesh"
@@ -63,7 +63,7 @@ class MeshFolder:
 
     @property
     def emptiness(self) -> str:
-        """What is wrong if there is no mesh."""
+        """The error if there is no mesh."""
         if self.labels:
             return f"{self.labels}: no row names a file"
         return f"{self.path}: there is no file that ends in {', '.join(FORMATS)}"
@@ -107,7 +107,7 @@ class MeshPaths:
 
     @property
     def emptiness(self) -> str:
-        """What is wrong if there is no mesh."""
+        """The error if there is no mesh."""
         return f"{', '.join(map(str, self.paths))}: there is no file that ends in {', '.join(FORMATS)}"
 
     def __iter__(self) -> Iterator[LabelledFile | LeftOut]:

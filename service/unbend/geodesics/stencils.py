@@ -4,7 +4,7 @@ A *slot* of vertex C is a triangle (C, A, B) in the plane with C at the origin, 
 and the vertex P that is visible from C behind the edge AB when the mesh is unfolded there. A front reaches C between A
 and P or between P and B. Kimmel & Sethian (1998) unfold only where the angle at C is obtuse, so that the values at A
 and P, or at P and B, are known before the value at C. Here every corner is unfolded: the two halves represent a
-front's curvature better than the whole triangle, which more than halves the error (docs/benchmarks.md).
+front's curvature better than the whole triangle, which more than halves the error (docs/benchmarks/distances.md).
 
 Eight slots make a block, so that one vector instruction processes a row of a block. Most vertices have one block of 256
 bytes. Empty slots refer to a vertex that no front reaches.

@@ -29,7 +29,9 @@ from unbend.mesh.shapes import figure, sheet
 from unbend.mesh.write import write_mesh
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+ELSEWHERE = {"command-line.md"}
+"""Pages whose examples another test runs: tests/cli/test_guide.py."""
+PAGES = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name not in ELSEWHERE)]
 RUN = {"python", SHELL, "js"}
 TEXTS = {"", "text", "json", "toml", "yaml"}
 SECONDS = 600

@@ -177,7 +177,8 @@ def test_an_import_without_parts_is_completed_later(tmp_path):
     (tmp_path / "in/a.ply").write_bytes(small_mesh(1))
     library = ["--library", tmp_path / "a.db"]
     succeeded("import", tmp_path / "in", *library, *QUICK, run=in_process)
-    assert succeeded("complete", *library, run=in_process).stdout == "a\ncompleted 1 shapes\n"
+    done = succeeded("complete", *library, run=in_process)
+    assert (done.stdout, done.stderr) == ("completed 1 shapes\n", "a\n")
     refused = in_process("import", tmp_path / "in", "--url", "http://127.0.0.1:9", "--without-parts")
     failed_with_a_sentence(refused, "exclude each other", status=2)
 

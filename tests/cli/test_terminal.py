@@ -9,6 +9,7 @@ import time
 import click
 import numba
 import pytest
+from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
 from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded, unbend
@@ -142,6 +143,22 @@ def test_quiet_prints_only_errors(mesh, tmp_path):
 @pytest.mark.parametrize("words", [["-q", "-v", "list"], ["-q", "list", "-v"], ["list", "-v", "-q"]])
 def test_verbose_and_quiet_exclude_each_other(words):
     failed_with_a_sentence(in_process(*words), "--verbose and --quiet exclude each other", status=2)
+
+
+@pytest.mark.parametrize(
+    ("words", "begun", "offered"),
+    [
+        ([], "li", {"list"}),
+        (["query", "--measure"], "part", {"partial", "partial_any_scale"}),
+        (["list"], "--lab", {"--label"}),
+        (["show"], "ring", {"ring"}),  # a file: the shell completes it
+    ],
+)
+def test_shells_complete_commands_options_values_and_files(words, begun, offered):
+    shell = BashComplete(main, {}, "unbend", "_UNBEND_COMPLETE")
+    found = shell.get_completions(words, begun)
+    assert {item.value for item in found} == offered
+    assert {item.type for item in found} == ({"file"} if words == ["show"] else {"plain"})
 
 
 @click.group(cls=CommandGroup)

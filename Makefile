@@ -1,5 +1,6 @@
 # make serve   start the service with a demo library      make test    run all tests
 # make check   lint, types, layers and tests              make bench   list or run benchmarks
+# make release-check, image-check, sbom                   what is released: packages, the container, their content
 
 PYTHON ?= python3
 HOST ?= 127.0.0.1
@@ -7,7 +8,7 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench reliability openapi clean clean-kernels
+.PHONY: serve test lint types layers check bench reliability release-check image-check sbom openapi clean clean-kernels
 
 serve: .venv/run
 	@echo "Compiling the kernels: about a minute at the first start."
@@ -41,6 +42,18 @@ reliability: .venv/test
 	$(BIN)/python -m benchmarks.service.fuzz
 	$(BIN)/python -m benchmarks.service.contract
 
+# Builds the packages, and uses the wheel with the oldest and newest Pythons, and lowest and highest dependencies.
+release-check: .venv/release
+	$(BIN)/python -m benchmarks.release.packages dist
+
+# Builds the image in a clean Debian, and uses its server with a read-only disk. Needs root, buildah and debootstrap.
+image-check: .venv/release
+	$(BIN)/python -m benchmarks.release.image
+
+# Writes dist/sbom.json and dist/licences.txt.
+sbom: .venv/release
+	$(BIN)/python -m benchmarks.release.licences dist
+
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json
 
@@ -65,6 +78,10 @@ clean: clean-kernels
 	@echo "Installing unbend, its page and the tools of the tests: minutes, without output."
 	$(BIN)/pip install --quiet --editable '.[test]'
 	touch $@ .venv/run
+
+.venv/release: .venv/python pyproject.toml
+	$(BIN)/pip install --quiet --editable '.[test,release]'
+	touch $@
 
 .venv/bench: .venv/python pyproject.toml
 	$(BIN)/pip install --quiet --editable '.[bench]'

@@ -11,6 +11,7 @@ import itertools
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Final, get_args
 
@@ -70,7 +71,8 @@ def compile_kernels() -> None:
         for shape, other in ((shapes[0], shapes[1]), (piece, whole)):
             _make_files(library, shape, other)
             _draw(library, shape)
-        _search(library, shapes[0])
+        for shape in (shapes[0], piece, whole):
+            _search(library, shape)
     geodesic_path(Surface(np.eye(3), np.array([[0, 0, 1]])), 0, 1)  # the way along edges
     iso_contours(_ring(), _ring().vertices[:, 0], [0.5])
 
@@ -173,9 +175,10 @@ def _draw(library: Library, shape: ShapeRecord) -> None:
 
 def _search(library: Library, shape: ShapeRecord) -> None:
     """Rank a stored shape and a query in each way, and describe the whole library."""
-    query = worker.compute_query(_stored(library, shape), shape.parameters, local=True).signature
-    asked: Signature | str
-    for measure, classifier, asked in itertools.product(RANKING_MEASURES, CLASSIFIERS, (query, shape.id)):
+    outcome = worker.compute_query(_stored(library, shape), shape.parameters, local=True)
+    query = ForkingPickler.loads(ForkingPickler.dumps(outcome)).signature  # as it arrives from a worker
+    queries: list[Signature | str] = [query, shape.id]
+    for asked, measure, classifier in itertools.product(queries, RANKING_MEASURES, CLASSIFIERS):
         with contextlib.suppress(ParameterError, UnsuitedError):  # parts have one classifier
             library.search.rank(asked, QueryRequest(measure, classifier, k=3))
     for distance in get_args(MapDistance):

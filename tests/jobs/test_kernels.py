@@ -58,7 +58,7 @@ def overloads(log: str) -> set[str]:
 
 @pytest.fixture(scope="module")
 def compiled() -> str:
-    """What a process prints that compiles all kernels."""
+    """The output of a process that compiles all kernels."""
     environment = os.environ | {"NUMBA_DEBUG_CACHE": "1"}
     done = subprocess.run(
         [sys.executable, "-c", ALL_KERNELS], env=environment, capture_output=True, text=True, check=False

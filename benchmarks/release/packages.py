@@ -78,12 +78,14 @@ class Environment:
 
     def __init__(self, folder: Path, python: str, wheel: Path, resolution: Resolution) -> None:
         self.folder = folder
-        uv = str(Path(sysconfig.get_path("scripts"), "uv"))
+        uv, versions = str(Path(sysconfig.get_path("scripts"), "uv")), folder.with_suffix(".txt")
         subprocess.run([uv, "venv", "--quiet", "--python", python, str(folder)], check=True)
-        subprocess.run(
-            [uv, "pip", "install", "--quiet", "--python", str(self._path("python")), "--resolution", resolution, wheel],
-            check=True,
-        )
+        own = str(self._path("python"))
+        # The dependencies of a wheel count as indirect; those of pyproject.toml are direct.
+        resolve = [uv, "pip", "compile", "--quiet", "--python", own, "--resolution", resolution, "-o", str(versions)]
+        subprocess.run([*resolve, str(ROOT / "pyproject.toml")], stdout=subprocess.DEVNULL, check=True)
+        install = [uv, "pip", "install", "--quiet", "--python", own, "--constraint", str(versions), str(wheel)]
+        subprocess.run(install, check=True)
 
     def _path(self, name: str) -> Path:
         return self.folder / "bin" / name

@@ -43,7 +43,7 @@ class Comparison:
     ours: Callable[[], float]
     base_name: str
     base: Callable[[], float]
-    asked: float
+    asked: str
 
 
 def main() -> None:
@@ -51,15 +51,16 @@ def main() -> None:
     warm_up()
     with TemporaryDirectory(prefix="unbend-startup-") as name:
         library = Path(name, "library.db")
+        imports, dependencies = "importing its dependencies", python(f"import {DEPENDENCIES}")
+        worker = "from unbend.jobs.worker import warm_up"
         comparisons = (
-            Comparison("`import unbend`", python("import unbend"), "`import numpy`", python("import numpy"), 1.3),
-            Comparison("`unbend --help`", command("unbend", "--help"), "`import click`", python("import click"), 3.0),
+            Comparison("`import unbend`", python("import unbend"), "`import numpy`", python("import numpy"), "1.3"),
+            Comparison("`unbend --help`", command("unbend", "--help"), "`import click`", python("import click"), "3"),
+            Comparison("`unbend serve` until `/v1/readyz`", lambda: until_ready(library), imports, dependencies, "2"),
+            Comparison("part: the imports of a server", python("import unbend.api"), imports, dependencies, ""),
+            Comparison("part: the imports of a worker", python(worker), imports, dependencies, ""),
             Comparison(
-                "`unbend serve` until `/v1/readyz`",
-                lambda: until_ready(library),
-                "importing its dependencies",
-                python(f"import {DEPENDENCIES}"),
-                2.0,
+                "part: a worker's imports and kernels", python(f"{worker}; warm_up()"), imports, dependencies, ""
             ),
         )
         rows = [row(comparison, runs) for comparison in comparisons]
@@ -77,7 +78,7 @@ def row(comparison: Comparison, runs: int) -> tuple[str, ...]:
     first, second = statistics.median(ours), statistics.median(base)
     return (
         comparison.name, f"{first:.2f}", comparison.base_name, f"{second:.2f}", f"{first / second:.2f}",
-        f"{comparison.asked:g}",
+        comparison.asked,
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 # make serve   start the service with a demo library      make test    run all tests
 # make check   lint, types, layers and tests              make bench   list or run benchmarks
 # make docs    build the documentation into site/
+# make release-check, image-check, sbom                   what is released: packages, the container, their content
 
 PYTHON ?= python3
 HOST ?= 127.0.0.1
@@ -8,7 +9,8 @@ PORT ?= 8000
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
-.PHONY: serve test lint types layers check bench docs reliability openapi client clean clean-kernels
+.PHONY: serve test lint types layers check bench docs reliability release-check image-check sbom openapi client clean \
+	clean-kernels
 
 serve: .venv/run
 	@echo "Compiling the kernels: about a minute at the first start."
@@ -47,6 +49,18 @@ reliability: .venv/test
 	$(BIN)/python -m benchmarks.service.fuzz
 	$(BIN)/python -m benchmarks.service.contract
 
+# Builds the packages, and uses the wheel with the oldest and newest Pythons, and lowest and highest dependencies.
+release-check: .venv/release
+	$(BIN)/python -m benchmarks.release.packages dist
+
+# Builds the image in a clean Debian, and uses its server with a read-only disk. Needs root, buildah and debootstrap.
+image-check: .venv/release
+	$(BIN)/python -m benchmarks.release.image
+
+# Writes dist/sbom.json and dist/licences.txt.
+sbom: .venv/release
+	$(BIN)/python -m benchmarks.release.licences dist
+
 openapi: .venv/run
 	$(BIN)/unbend openapi -o openapi/openapi.json
 
@@ -75,6 +89,10 @@ clean: clean-kernels
 	@echo "Installing unbend, its page and the tools of the tests: minutes, without output."
 	$(BIN)/pip install --quiet --editable '.[test]'
 	touch $@ .venv/run
+
+.venv/release: .venv/python pyproject.toml
+	$(BIN)/pip install --quiet --editable '.[test,release]'
+	touch $@
 
 .venv/bench: .venv/python pyproject.toml
 	$(BIN)/pip install --quiet --editable '.[bench]'

@@ -39,6 +39,7 @@ SLOWEST = (
     "test_reliability.py",
     "test_everywhere.py",
     "test_process.py",
+    "test_kernels.py",
 )
 """The slowest test files, which start first, so that no test process is idle at the end.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -12,9 +14,11 @@ from typing import Any, Final, ParamSpec, TypeVar, cast
 import numba
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
+from numba.core import caching, cgutils
 from numba.core.event import Listener, register, unregister
 from numba.extending import intrinsic
+
+logger = logging.getLogger("unbend.jit")
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -29,7 +33,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     Floating point stays strict (no fastmath), so results do not depend on how a loop is vectorised.
     """
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return _compiled(function)
 
 
 def summing(function: Callable[P, R]) -> Callable[P, R]:
@@ -38,8 +42,7 @@ def summing(function: Callable[P, R]) -> Callable[P, R]:
     The order is fixed at compile time. It depends on the processor and on the number of terms, but not on their
     addresses or on the thread. Do not use this decorator for sums that must be equal on every processor.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc"})(function)
-    return cast("Callable[P, R]", compiled)
+    return _compiled(function, fastmath={"reassoc"})
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -48,7 +51,51 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     In inner loops, do not pass it arrays: Numba counts references to an array at each call, which costs more than the
     arithmetic.
     """
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy")(function))
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    compiled = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    compiled._cache = _Cache(function)  # noqa: SLF001  as Numba's cache=True, but the folder may be read-only
+    return cast("Callable[P, R]", compiled)
+
+
+class _Chosen(caching.UserProvidedCacheLocator):
+    """The folder of NUMBA_CACHE_DIR, even if nobody may write into it."""
+
+    def ensure_cache_path(self) -> None:
+        with contextlib.suppress(OSError):
+            super().ensure_cache_path()
+
+
+class _InTree(caching.InTreeCacheLocator):
+    """The folder `__pycache__` next to the module, even if nobody may write into it."""
+
+    def ensure_cache_path(self) -> None:
+        with contextlib.suppress(OSError):
+            super().ensure_cache_path()
+
+
+class _CacheFiles(caching.CompileResultCacheImpl):
+    def __init__(self, function: Any) -> None:
+        self._locator_classes = [_Chosen, *self._locator_classes, _InTree]
+        super().__init__(function)
+
+
+class _Cache(caching.FunctionCache):
+    """Numba's cache of a function; without a writable folder, it still reads what is there.
+
+    Numba itself refuses to import such a function. A container with a read-only disk has all kernels in its image.
+    """
+
+    _impl_class = _CacheFiles
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save machine code if possible."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            logger.warning("compiled %s at run time, and cannot keep it: %s", self._name, error)
 
 
 def _prefetch(_typing_context: Any, array: Any, _byte: Any) -> Any:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -114,6 +114,7 @@ class Server:
         ready: bool = True,
         host: str = "127.0.0.1",
         port: int = 0,
+        within: Sequence[str] = (),
         **settings: object,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -125,6 +126,7 @@ class Server:
             TMPDIR=str(self.temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
         )
         command = [
+            *within,
             sys.executable,
             "-m",
             "unbend",

@@ -90,9 +90,9 @@ class Geodesics:
 
 
 def initialise(memory_bytes: int | None) -> None:
-    """Limit a worker process, and load the common kernels, so that jobs do not wait for them."""
+    """Load the common kernels, so that jobs do not wait for them, and limit the process."""
+    warm_up()  # at the priority of the server, which is not ready before
     limit_process(memory_bytes)
-    warm_up()
 
 
 def compute_shape(mesh: StoredMesh, parameters: Parameters) -> ShapeOutcome:

@@ -176,7 +176,7 @@ def _near_places(surface: Surface, rims: Rims, places: Ints) -> Ints:
         return places
     into = np.arange(len(places), dtype=np.int32)
     within = np.stack([np.arange(len(ends)), first[cell]], axis=1)
-    _unite(ends[np.concatenate([within, pairs])][:, None], into)
+    _unite(ends[np.concatenate([within, pairs])].astype(np.int32)[:, None], into)
     # Cells may form long chains. A point farther than half the tolerance from the first of its chain stays separate.
     apart = (surface.vertices[ends] - surface.vertices[into[ends]]) / tolerance
     alone = ends[(apart**2).sum(axis=1) > 0.25]

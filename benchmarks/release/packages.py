@@ -4,8 +4,8 @@
 
 Needs the extra `release`. Runs `python -m build` and `twine check --strict`. Then installs the wheel with the oldest
 supported Python, with the lowest and the highest versions of dependencies that pyproject.toml allows, and with the
-newest Python of this machine. In each environment it computes a signature, ranks a query, draws a picture, and uploads
-a mesh to a server. Writes the section "packages" of docs/operations.md. Exits with an error if a step fails. Keeps the
+newest Python of this machine. In each environment it computes a signature, ranks a query, draws a picture, uploads a
+mesh to a server, and runs the tests that `Library`, `Client` and `AsyncClient` share. Writes the section "packages" of docs/operations.md. Exits with an error if a step fails. Keeps the
 packages in FOLDER.
 """
 
@@ -32,6 +32,8 @@ OLDEST: Final = 11
 NEWEST: Final = 15  # minor versions of Python 3 that are looked for
 SHOWN: Final = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "pydantic", "sqlalchemy", "pillow")
 
+ONE_API: Final = "tests/client/test_one_api.py"
+
 Resolution = Literal["lowest-direct", "highest"]
 
 
@@ -50,6 +52,7 @@ def main() -> None:
         for number, (minor, resolution) in enumerate(plan):
             environment = Environment(folder / str(number), pythons[minor], wheel, resolution)
             environment.use(folder / f"use-{number}")
+            environment.test()
             versions = environment.versions()
             rows.append((versions["python"], resolution, *(versions[name] for name in SHOWN)))
             write_section(PAGE, "packages", table(["Python", "Versions", *SHOWN], rows))
@@ -86,6 +89,16 @@ class Environment:
         subprocess.run([*resolve, str(ROOT / "pyproject.toml")], stdout=subprocess.DEVNULL, check=True)
         install = [uv, "pip", "install", "--quiet", "--python", own, "--constraint", str(versions), str(wheel)]
         subprocess.run(install, check=True)
+
+        self._uv = uv
+
+    def test(self) -> None:
+        """Run the tests of the one API against the installed package."""
+        own = str(self._path("python"))
+        subprocess.run([self._uv, "pip", "install", "--quiet", "--python", own, "hypothesis", "pytest"], check=True)
+        # Old versions of dependencies warn of what later ones have changed.
+        command = [own, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-o", "filterwarnings=", ONE_API]
+        subprocess.run(command, cwd=ROOT, env=self._variables(), check=True)
 
     def _path(self, name: str) -> Path:
         return self.folder / "bin" / name

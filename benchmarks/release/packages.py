@@ -5,8 +5,8 @@
 Needs the extra `release`. Runs `python -m build` and `twine check --strict`. Then installs the wheel with the oldest
 supported Python, with the lowest and the highest versions of dependencies that pyproject.toml allows, and with the
 newest Python of this machine. In each environment it computes a signature, ranks a query, draws a picture, uploads a
-mesh to a server, and runs the tests that `Library`, `Client` and `AsyncClient` share. Writes the section "packages" of docs/operations.md. Exits with an error if a step fails. Keeps the
-packages in FOLDER.
+mesh to a server, and runs the tests that `Library`, `Client` and `AsyncClient` share. Writes the section "packages" of
+docs/operations.md. Exits with an error if a step fails. Keeps the packages in FOLDER.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from unbend.cli.computing import read_file
 from unbend.cli.match import doubts, figures, orientation_option, part_option, quality, samples_option
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, mesh_path, policy_options
 from unbend.cli.terminal import confirm, warn, warn_of
 from unbend.names import printable

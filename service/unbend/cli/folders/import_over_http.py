@@ -7,11 +7,11 @@ from collections.abc import Generator, Iterator
 from functools import partial
 from typing import Final
 
-from unbend.cli.account import Ended
-from unbend.cli.connect import connect
-from unbend.cli.first_paths import FirstPaths
-from unbend.cli.folder import LabelledFile
-from unbend.cli.import_options import ImportOptions, description_of
+from unbend.cli.folders.account import Ended
+from unbend.cli.folders.files import LabelledFile
+from unbend.cli.folders.first_paths import FirstPaths
+from unbend.cli.folders.import_options import ImportOptions, description_of
+from unbend.cli.places import connect
 from unbend.client import Client, Job
 from unbend.errors import AccessError, ParameterError, ServiceError, UnbendError
 from unbend.results.shapes import AddedShape

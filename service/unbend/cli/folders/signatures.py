@@ -7,9 +7,9 @@ from collections.abc import Generator, Iterator
 from functools import partial
 from pathlib import Path
 
-from unbend.cli.account import Ended
-from unbend.cli.computing import Machine
-from unbend.cli.folder import LabelledFile
+from unbend.cli.folders.account import Ended
+from unbend.cli.folders.computing import Machine
+from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
 from unbend.errors import UnbendError
 from unbend.jobs.batch import Batch, SignatureFile, compute_signature_file, outcome_of

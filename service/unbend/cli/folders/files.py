@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from unbend.cli.first_paths import FirstPaths
+from unbend.cli.folders.first_paths import FirstPaths
 from unbend.errors import ParameterError
 from unbend.jsons import parse_json
 from unbend.mesh.formats import FORMATS
@@ -43,6 +43,9 @@ NO_ROW: Final = "a mesh without a row in the file of labels"
 NO_FILE: Final = "a row without a file"
 NOT_REGULAR: Final = "not a regular file"
 UNREADABLE: Final = "a folder that cannot be read"
+
+_OBJECTS: Final = ("metadata", "parameters", "policy")
+"""Columns of a file of labels that have JSON objects."""
 
 _EXTENSIONS: Final = frozenset(f".{name}" for name in FORMATS)
 
@@ -164,9 +167,6 @@ def relative_name(path: Path, folder: Path) -> str:
     """Return the path of a file as a labels.csv of `folder` has it."""
     path, folder = path.absolute(), folder.absolute()
     return printable(str(path.relative_to(folder) if path.is_relative_to(folder) else path))
-
-
-_OBJECTS: Final = ("metadata", "parameters", "policy")
 
 
 def _walk(folder: Path, skipped: Collection[bytes]) -> Iterator[Path | LeftOut]:

@@ -7,8 +7,8 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from unbend.cli.computing import Machine
-from unbend.cli.folder import LabelledFile
+from unbend.cli.folders.computing import Machine
+from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
 from unbend.errors import MeshReadError
 

@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from unbend.cli.account import Ended
-from unbend.cli.first_paths import FirstPaths
-from unbend.cli.folder import LabelledFile
-from unbend.cli.import_options import ImportOptions, description_of
+from unbend.cli.folders.account import Ended
+from unbend.cli.folders.files import LabelledFile
+from unbend.cli.folders.first_paths import FirstPaths
+from unbend.cli.folders.import_options import ImportOptions, description_of
 from unbend.errors import MeshReadError, ParameterError, StoreError, UnbendError
 from unbend.jobs.batch import Batch, compute_upload
 from unbend.library import Library

@@ -9,8 +9,10 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
@@ -170,6 +172,56 @@ def test_files_of_the_library_and_the_report_are_not_part_of_the_folder(tmp_path
     for _ in range(2):
         succeeded("import", tmp_path, "--library", tmp_path / "a.db", *QUICK, "--report", report, run=in_process)
         assert set(outcomes(report)) == {"a.ply"}
+
+
+def test_a_link_to_an_impossible_name_is_left_out(tmp_path):
+    (tmp_path / "link.ply").symlink_to("n" * 300)
+    done = in_process("import", tmp_path, "--library", tmp_path / "a.db", *QUICK)
+    failed_with_a_sentence(done, "there is no file that ends in")
+
+
+@pytest.mark.parametrize("place", ["library", "url"])
+def test_a_description_that_cannot_be_stored_fails_only_its_file(tmp_path, server, place):
+    for number, name in enumerate("ab"):
+        (tmp_path / f"{name}.ply").write_bytes(small_mesh(700 + number))
+    labels = tmp_path / "labels.csv"
+    labels.write_text(f"path,class\na.ply,{'x' * 300}\nb.ply,x\n")
+    where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
+    done = in_process("import", tmp_path, "--labels", labels, *where, *FEW)
+    assert (done.returncode, done.stdout) == (3, "1 of 2 shapes imported: 1 new\n")
+    assert f"{tmp_path / 'a.ply'}: " in done.stderr
+
+
+class Failing(BaseHTTPRequestHandler):
+    """A service that accepts uploads, and then fails."""
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self._respond(202, b'{"id": "1", "kind": "shape", "state": "queued"}')
+
+    def do_GET(self) -> None:
+        self._respond(500, b"")
+
+    def _respond(self, status: int, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_the_failure_of_a_service_ends_an_import_instead_of_failing_every_file(tmp_path):
+    for number in range(2):
+        (tmp_path / f"{number}.ply").write_bytes(small_mesh(number))
+    with HTTPServer(("127.0.0.1", 0), Failing) as failing:
+        thread = threading.Thread(target=failing.serve_forever)
+        thread.start()
+        done = in_process("import", tmp_path, "--url", f"http://127.0.0.1:{failing.server_port}", *FEW)
+        failing.shutdown()
+        thread.join()
+    failed_with_a_sentence(done, "responded 500")
 
 
 def test_an_import_without_parts_is_completed_later(tmp_path):

@@ -53,7 +53,7 @@ def import_into_library(
     StoreError
         If the library fails.
     """
-    Parameters.from_dict(options.parameters), MeshPolicy.from_dict(options.policy)  # invalid for all files, if for one
+    options.check()
     machine = options.machine
     with (
         Library(url) as library,

@@ -11,6 +11,7 @@ from unbend.cli.folders.computing import Machine
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
 from unbend.errors import MeshReadError
+from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
     from unbend.results.shapes import IfKnown
@@ -26,6 +27,13 @@ class ImportOptions:
     with_parts: bool
     """Whether to compute the local signatures too."""
     machine: Machine
+
+    def check(self) -> None:
+        """Raise ParameterError if the options are invalid, for then they are so for every file."""
+        from unbend.signature.parameters import Parameters  # noqa: PLC0415
+
+        Parameters.from_dict(self.parameters)
+        MeshPolicy.from_dict(self.policy)
 
     def parameters_of(self, file: LabelledFile) -> Values:
         """Return the parameters of a file."""

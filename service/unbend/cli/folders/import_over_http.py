@@ -13,7 +13,7 @@ from unbend.cli.folders.first_paths import FirstPaths
 from unbend.cli.folders.import_options import ImportOptions, description_of
 from unbend.cli.places import connect
 from unbend.client import Client, Job
-from unbend.errors import AccessError, ParameterError, ServiceError, UnbendError
+from unbend.errors import AccessError, ServiceError, UnbendError
 from unbend.results.shapes import AddedShape
 
 _AHEAD: Final = 64
@@ -21,15 +21,24 @@ _AHEAD: Final = 64
 
 
 def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOptions) -> Generator[Ended]:
-    """Upload files, and yield each once the service has stored its shape."""
+    """Upload files, and yield each once the service has stored its shape.
+
+    Raises
+    ------
+    ParameterError
+        If options are invalid.
+    ServiceError, AccessError
+        If the service does not respond, or refuses the key: it would do so for every file.
+    """
+    options.check()
     with connect(url) as client, FirstPaths() as firsts:
         waiting: deque[tuple[LabelledFile, Job[AddedShape]]] = deque()
         for file in files:
             try:
                 waiting.append((file, _submit(client, file, firsts, options)))
+            except (ServiceError, AccessError):
+                raise
             except (UnbendError, OSError) as error:
-                if isinstance(error, ServiceError | AccessError | ParameterError):  # it would repeat for every file
-                    raise
                 yield Ended(file.path, "failed", str(error))
             if len(waiting) > _AHEAD:
                 yield _ended(*waiting.popleft(), firsts)
@@ -53,6 +62,8 @@ def _submit(client: Client, file: LabelledFile, firsts: FirstPaths, options: Imp
 def _ended(file: LabelledFile, job: Job[AddedShape], firsts: FirstPaths) -> Ended:
     try:
         shape = job.result()
+    except (ServiceError, AccessError):
+        raise
     except UnbendError as error:
         return Ended(file.path, "failed", str(error))
     ended = partial(Ended, file.path, result=shape.id, taken=shape.updated, warnings=shape.warnings)

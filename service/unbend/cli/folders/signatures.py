@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -55,5 +56,7 @@ def _written(path: Path, found: SignatureFile | UnbendError, target: Path) -> En
         partial_file.write_bytes(found.data)
         partial_file.replace(target)  # so that a signature is complete if it exists
     except OSError as error:
+        with suppress(OSError):
+            partial_file.unlink()
         return Ended(path, "failed", f"{target} cannot be written: {error.strerror}")
     return Ended(path, "new", result=str(target), warnings=found.warnings)

@@ -91,6 +91,8 @@ class Job(Generic[R]):
     def result(self, timeout: float | None = None) -> R:
         """Return the stored shape of an upload, the ranking of a query, or the file that the job made.
 
+        If two clients upload one file at the same time, `is_new` may be true for both.
+
         Raises
         ------
         UnbendError

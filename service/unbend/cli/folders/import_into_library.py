@@ -86,9 +86,7 @@ class _Importer:
             policy = MeshPolicy.from_dict(options.policy_of(file))
             sha256, content = options.content_of(file)
             first = self._firsts.put(content, file.path)
-            # Otherwise files of the same content and different classes would change the shape in each import.
-            if_known = "keep" if first else options.if_known
-            request = ShapeRequest.of(shape_name(file.path.name), description_of(file), if_known)
+            request = ShapeRequest.of(shape_name(file.path.name), description_of(file), options.if_known_of(first))
         except (ParameterError, MeshReadError) as error:
             return _Task(file.path), _failed(error)
         key = UploadKey.of(sha256, parameters, policy)

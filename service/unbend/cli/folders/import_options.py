@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unbend.cli.folders.computing import Machine
@@ -42,6 +43,14 @@ class ImportOptions:
     def policy_of(self, file: LabelledFile) -> Values:
         """Return the reading policy of a file."""
         return file.policy | self.policy
+
+    def if_known_of(self, first: Path | None) -> IfKnown:
+        """Return what a known shape takes from a file; `first` is an earlier file of the same content.
+
+        A later one changes nothing. Otherwise files of the same content and different classes would change the shape in
+        each import.
+        """
+        return "keep" if first else self.if_known
 
     def content_of(self, file: LabelledFile) -> tuple[str, bytes]:
         """Return the SHA-256 of a file, and a key that is equal for files that are one shape.

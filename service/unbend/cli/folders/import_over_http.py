@@ -48,14 +48,12 @@ def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOpt
 
 def _submit(client: Client, file: LabelledFile, firsts: FirstPaths, options: ImportOptions) -> Job[AddedShape]:
     _, content = options.content_of(file)
-    # Otherwise files of the same content and different classes would change the shape in each import.
-    if_known = "keep" if firsts.put(content, file.path) else options.if_known
     return client.submit(
         file.path,
         **description_of(file),
         parameters=options.parameters_of(file),
         policy=options.policy_of(file),
-        if_known=if_known,
+        if_known=options.if_known_of(firsts.put(content, file.path)),
     )
 
 

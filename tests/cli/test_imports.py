@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
@@ -30,6 +31,10 @@ from tests.support.server import (
     without_settings,
 )
 from unbend import Library, Parameters, compute_signature
+from unbend.cli.folders.computing import Machine
+from unbend.cli.folders.files import LabelledFile
+from unbend.cli.folders.import_into_library import import_into_library
+from unbend.cli.folders.import_options import ImportOptions
 from unbend.mesh.shapes import torus
 
 FEW = ["--samples", 8, "--method", "classical"]
@@ -233,6 +238,23 @@ def test_an_import_without_parts_is_completed_later(tmp_path):
     assert (done.stdout, done.stderr) == ("completed 1 shapes\n", "a\n")
     refused = in_process("import", tmp_path / "in", "--url", "http://127.0.0.1:9", "--without-parts")
     failed_with_a_sentence(refused, "exclude each other", status=2)
+
+
+def test_a_shape_that_is_removed_meanwhile_fails_only_its_file(tmp_path):
+    path, library = tmp_path / "a.ply", str(tmp_path / "a.db")
+    path.write_bytes(small_mesh(1))
+    parameters = {"samples": 8, "method": "classical"}
+    options = ImportOptions(parameters, {}, "update", with_parts=False, machine=Machine(1, None))
+    with Library(library) as other:
+        shape = other.add(path, parameters=parameters)
+
+        def files() -> Iterator[LabelledFile]:
+            yield LabelledFile(path, "ring")
+            other.remove(shape.id)
+
+        (ended,) = import_into_library(library, files(), 1, options)
+    assert (ended.outcome, ended.path) == ("failed", path)
+    assert "was removed" in ended.reason
 
 
 # Processes

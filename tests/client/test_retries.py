@@ -63,10 +63,13 @@ def test_a_request_without_an_idempotency_key_is_sent_once():
         assert len(server.requests) == 1
 
 
-def test_an_upload_is_repeated_with_the_same_key():
+@pytest.mark.parametrize(
+    "send", [lambda client: client.submit(b"OFF"), lambda client: client.rank("0" * 32)], ids=["upload", "query"]
+)
+def test_an_upload_and_a_query_are_repeated_with_the_same_key(send):
     with closing(Breaking(9, CLASSES)) as server, Client(server.url) as client:
         with pytest.raises(ServiceError, match="could not be reached"):
-            client.submit(b"OFF")
+            send(client)
         keys = {line for each in server.requests for line in each.splitlines() if line.startswith(b"Idempotency-Key")}
         assert (len(server.requests), len(keys)) == (5, 1)
 

@@ -397,7 +397,8 @@ class AsyncClient:
         options = QueryOptions(measure, classifier, k)
         shape_id = protocol.stored(query)
         if shape_id is not None:
-            response = await self.request("POST", "/v1/queries", json=options.of_shape(shape_id))
+            body = options.of_shape(shape_id)
+            response = await self.request("POST", "/v1/queries", headers=protocol.once(), json=body)
             return Ranking.from_dict(response.json())
         with ExitStack() as stack:
             content = options.content(stack.enter_context(MeshFile.of(query, progress)), parameters, policy)

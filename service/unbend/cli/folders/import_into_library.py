@@ -14,7 +14,7 @@ from unbend.cli.folders.account import Ended
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.folders.first_paths import FirstPaths
 from unbend.cli.folders.import_options import ImportOptions, description_of
-from unbend.errors import MeshReadError, ParameterError, StoreError, UnbendError
+from unbend.errors import MeshReadError, NotFoundError, ParameterError, StoreError, UnbendError
 from unbend.jobs.batch import Batch, compute_upload
 from unbend.library import Library
 from unbend.library.requests import ShapeRequest, UploadKey
@@ -104,7 +104,10 @@ class _Importer:
             return _failed(error)
         found = future.result()
         if isinstance(found, ShapeRecord):
-            return _completed(self._library.shapes.update_known(found, task.request))
+            try:
+                return _completed(self._library.shapes.update_known(found, task.request))
+            except NotFoundError:
+                return _failed(UnbendError("its shape was removed while it was imported: import it again"))
         return self._library.shapes.submit(found, task.request, partial(_read, task.path, found.key.sha256))
 
     def end(self, task: _Task, stored: Future[AddedShape]) -> Ended:

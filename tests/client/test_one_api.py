@@ -131,8 +131,12 @@ def test_every_form_of_a_mesh_is_taken(api, form, tmp_path):
 
 
 def test_a_known_file_says_what_it_kept_and_what_it_took(api):
-    first = api.add(small_mesh(2), name="first", parameters=SAMPLES)
-    kept = api.add(small_mesh(2), name="second", label="ring", metadata={}, parameters=SAMPLES)
+    metadata = {"size": (1, 2), 3: {4: 5}}
+    first = api.add(small_mesh(2), name="first", metadata=metadata, parameters=SAMPLES)
+    assert first.metadata == {"size": [1, 2], "3": {"4": 5}}
+    again = api.add(small_mesh(2), metadata=metadata, parameters=SAMPLES)
+    assert (again.id, again.ignored) == (first.id, ())
+    kept = api.add(small_mesh(2), name="second", label="ring", metadata=metadata, parameters=SAMPLES)
     assert (kept.id, kept.name, kept.is_new) == (first.id, "first", False)
     assert (kept.ignored, kept.updated) == (("label", "name"), ())
     taken = api.add(small_mesh(2), name="second", label="ring", parameters=SAMPLES, if_known="update")

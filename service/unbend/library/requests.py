@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 from typing import Any, Final, Literal, Self, get_args
 
 from unbend.errors import ParameterError, check_choice
-from unbend.library.metadata import check_changes
+from unbend.library.metadata import as_stored, check_changes
 from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import (
     DEFAULT_MEASURE,
@@ -93,6 +93,8 @@ class ShapeRequest:
         sent = {name: value for name, value in given.items() if value is not None}
         described: dict[str, Any] = {"name": default_name} | sent
         check_changes(described)
+        if "metadata" in sent:  # so that it equals the metadata of a shape that took it before
+            described["metadata"] = as_stored(sent["metadata"])
         return cls(**described, sent=tuple(sent), if_known=if_known)
 
     @property

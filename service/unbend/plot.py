@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, Ints
-from unbend.brief import spread
+from unbend.brief import counted_points
 from unbend.errors import ParameterError
 from unbend.extras import extra
 from unbend.marks import COLOURS, UNLABELLED, look_of
@@ -70,7 +70,7 @@ def form(signature: Signature | CanonicalForm) -> Figure:
         axes.plot(*in_space(points)[:, :2].T, "o", color=_EDGE, markersize=2)
         axes.set_aspect("equal", adjustable="datalim")
     stress = signature.signature.stress if isinstance(signature, CanonicalForm) else signature.stress
-    axes.set_title(f"{spread(points.shape)}, stress {stress:.3g}")
+    axes.set_title(f"{counted_points(points.shape)}, stress {stress:.3g}")
     return figure
 
 

@@ -29,7 +29,7 @@ class Content(TypedDict, total=False):
 
 
 class MeshFile:
-    """A mesh to send: a binary file that reports its reading, and its name. Close it after the request.
+    """A mesh to send, as a named binary file that reports how much of it was read. Close it after the request.
 
     A repeated request reads it again from its beginning. A file that grows or shrinks meanwhile cannot be sent, because
     the head of the request has its size.

@@ -30,7 +30,7 @@ class ImportOptions:
     machine: Machine
 
     def check(self) -> None:
-        """Raise ParameterError if the options are invalid, for then they are so for every file."""
+        """Raise ParameterError if the options are invalid; otherwise every file would fail."""
         from unbend.signature.parameters import Parameters  # noqa: PLC0415
 
         Parameters.from_dict(self.parameters)

@@ -66,7 +66,7 @@ def _ended(file: LabelledFile, job: Job[AddedShape], firsts: FirstPaths) -> Ende
         return Ended(file.path, "failed", str(error))
     ended = partial(Ended, file.path, result=shape.id, taken=shape.updated, warnings=shape.warnings)
     if first := firsts.put(shape.id.encode(), file.path):
-        # The service does not say it of a file that was computed at the same time as the first.
+        # A service reports no ignored fields of a file that it computed at the same time as the first.
         ignored = [field for field, value in description_of(file).items() if getattr(shape, field) != value]
         return ended("merged", str(first), ignored=ignored)
     if shape.is_new:

@@ -282,6 +282,9 @@ def test_wrong_arguments_are_refused_alike(api):
             api.list_jobs(**wrong)
     with pytest.raises(ParameterError, match="if_known"):
         api.add(small_mesh(8), parameters=SAMPLES, if_known="perhaps")
+    for wrong in ({"name": ""}, {"label": ""}):
+        with pytest.raises(ParameterError, match=next(iter(wrong))):
+            api.add(small_mesh(8), parameters=SAMPLES, **wrong)
     with pytest.raises(NotFoundError, match="neither the id"):
         api.rank("OFF\n" * 5000)
 

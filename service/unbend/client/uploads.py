@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self, TypedDict
 
 from unbend.client.protocol import Json, given
-from unbend.errors import MeshReadError
+from unbend.errors import MeshReadError, ParameterError
 from unbend.mesh.policy import PolicyLike
 from unbend.mesh.sources import MeshSource, bytes_of
 from unbend.names import MAX_TEXT, printable
@@ -89,7 +89,13 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class Details:
-    """The description of an uploaded shape; fields that are None are not sent."""
+    """The description of an uploaded shape; fields that are None are not sent.
+
+    Raises
+    ------
+    ParameterError
+        If the name or the label is empty: a service takes an empty field of a form for one that is not given.
+    """
 
     name: str | None
     label: str | None
@@ -98,9 +104,14 @@ class Details:
     policy: PolicyLike
     if_known: str
 
+    def __post_init__(self) -> None:
+        for name, text in {"name": self.name, "label": self.label}.items():
+            if text == "":
+                raise ParameterError(f"a shape's {name} must not be empty")
+
     def content(self, mesh: MeshFile) -> Content:
         """Return the multipart form of an upload."""
-        return _content(mesh, **vars(self) | {"name": self.name or mesh.title})
+        return _content(mesh, **vars(self) | {"name": mesh.title if self.name is None else self.name})
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ def noted(number: int, one: str, several: str = "") -> str:
     return counted(number, one, several) if number else ""
 
 
-def spread(shape: tuple[int, ...]) -> str:
+def counted_points(shape: tuple[int, ...]) -> str:
     """Return the shape (n, m) of points in words, such as `300 points in 3 dimensions`."""
     return f"{counted(shape[0], 'point')} in {counted(shape[1], 'dimension')}"
 

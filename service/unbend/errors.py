@@ -372,10 +372,11 @@ def reported(
     advice: str = "",
     status: int | None = None,
     problem: Mapping[str, object] | None = None,
+    unknown: type[UnbendError] = ServiceError,
 ) -> UnbendError:
-    """Return the error that a service reported, of the class that has its code; ServiceError if no class has it."""
+    """Return the error that a service reported, of the class that has its code; of `unknown` if no class has it."""
     kinds = {kind.code: kind for kind in subclasses(UnbendError) if kind is not UnbendError}
-    error = kinds.get(str(code), ServiceError)(message)
+    error = kinds.get(str(code), unknown)(message)
     error.advice = advice or error.advice
     error.status = status
     error.problem = MappingProxyType(dict(problem or {}))

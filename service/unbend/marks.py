@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLOURS: Final = ("#0072b2", "#d55e00", "#00805e", "#b0508a", "#8a6d00", "#4d4d4d")
-"""As many as there are marks. The style sheet of the report has the same for light pages."""
+"""There are as many colours as marks. The style sheet of the report has the same ones for light pages."""
+
+UNLABELLED: Final = "#8c8c8c"
+"""The colour of shapes without a class."""
 
 MARKS: Final = (
     "M-3.6 0a3.6 3.6 0 1 0 7.2 0a3.6 3.6 0 1 0 -7.2 0z",  # disc

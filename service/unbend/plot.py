@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, Ints
-from unbend.brief import spread
+from unbend.brief import counted_points
 from unbend.errors import ParameterError
 from unbend.extras import extra
-from unbend.marks import COLOURS, look_of
+from unbend.marks import COLOURS, UNLABELLED, look_of
 from unbend.mesh.surface import Surface
 from unbend.results import MapItem, Ranking, ShapeMap, ShapeMatch
 from unbend.signature.canonical_form import CanonicalForm, in_space
@@ -38,8 +38,6 @@ MOST_BARS: Final = 20
 """Shapes that `ranking` shows by default."""
 
 _FORM, _EDGE, _UNKNOWN = "#e3b58a", "#7a5a38", "#b9b9b9"
-
-_UNLABELLED: Final = "#8c8c8c"
 
 _MARKERS: Final = "os^DvP"
 """The marks of `unbend.marks`, as matplotlib calls them."""
@@ -72,7 +70,7 @@ def form(signature: Signature | CanonicalForm) -> Figure:
         axes.plot(*in_space(points)[:, :2].T, "o", color=_EDGE, markersize=2)
         axes.set_aspect("equal", adjustable="datalim")
     stress = signature.signature.stress if isinstance(signature, CanonicalForm) else signature.stress
-    axes.set_title(f"{spread(points.shape)}, stress {stress:.3g}")
+    axes.set_title(f"{counted_points(points.shape)}, stress {stress:.3g}")
     return figure
 
 
@@ -182,7 +180,7 @@ def _labels(items: Iterable[MapItem | ShapeMatch]) -> list[str | None]:
 
 def _look(labels: Sequence[str | None], label: str | None) -> dict[str, Any]:
     if label is None:
-        return {"color": _UNLABELLED, "marker": _MARKERS[0]}
+        return {"color": UNLABELLED, "marker": _MARKERS[0]}
     colour, mark = look_of(labels.index(label))
     return {"color": COLOURS[colour], "marker": _MARKERS[mark]}
 

@@ -9,8 +9,11 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
@@ -28,6 +31,10 @@ from tests.support.server import (
     without_settings,
 )
 from unbend import Library, Parameters, compute_signature
+from unbend.cli.folders.computing import Machine
+from unbend.cli.folders.files import LabelledFile
+from unbend.cli.folders.import_into_library import import_into_library
+from unbend.cli.folders.import_options import ImportOptions
 from unbend.mesh.shapes import torus
 
 FEW = ["--samples", 8, "--method", "classical"]
@@ -172,6 +179,56 @@ def test_files_of_the_library_and_the_report_are_not_part_of_the_folder(tmp_path
         assert set(outcomes(report)) == {"a.ply"}
 
 
+def test_a_link_to_an_impossible_name_is_left_out(tmp_path):
+    (tmp_path / "link.ply").symlink_to("n" * 300)
+    done = in_process("import", tmp_path, "--library", tmp_path / "a.db", *QUICK)
+    failed_with_a_sentence(done, "there is no file that ends in")
+
+
+@pytest.mark.parametrize("place", ["library", "url"])
+def test_a_description_that_cannot_be_stored_fails_only_its_file(tmp_path, server, place):
+    for number, name in enumerate("ab"):
+        (tmp_path / f"{name}.ply").write_bytes(small_mesh(700 + number))
+    labels = tmp_path / "labels.csv"
+    labels.write_text(f"path,class\na.ply,{'x' * 300}\nb.ply,x\n")
+    where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
+    done = in_process("import", tmp_path, "--labels", labels, *where, *FEW)
+    assert (done.returncode, done.stdout) == (3, "1 of 2 shapes imported: 1 new\n")
+    assert f"{tmp_path / 'a.ply'}: " in done.stderr
+
+
+class Failing(BaseHTTPRequestHandler):
+    """A service that accepts uploads, and then fails."""
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self._respond(202, b'{"id": "1", "kind": "shape", "state": "queued"}')
+
+    def do_GET(self) -> None:
+        self._respond(500, b"")
+
+    def _respond(self, status: int, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_the_failure_of_a_service_ends_an_import_instead_of_failing_every_file(tmp_path):
+    for number in range(2):
+        (tmp_path / f"{number}.ply").write_bytes(small_mesh(number))
+    with HTTPServer(("127.0.0.1", 0), Failing) as failing:
+        thread = threading.Thread(target=failing.serve_forever)
+        thread.start()
+        done = in_process("import", tmp_path, "--url", f"http://127.0.0.1:{failing.server_port}", *FEW)
+        failing.shutdown()
+        thread.join()
+    failed_with_a_sentence(done, "responded 500")
+
+
 def test_an_import_without_parts_is_completed_later(tmp_path):
     (tmp_path / "in").mkdir()
     (tmp_path / "in/a.ply").write_bytes(small_mesh(1))
@@ -181,6 +238,23 @@ def test_an_import_without_parts_is_completed_later(tmp_path):
     assert (done.stdout, done.stderr) == ("completed 1 shapes\n", "a\n")
     refused = in_process("import", tmp_path / "in", "--url", "http://127.0.0.1:9", "--without-parts")
     failed_with_a_sentence(refused, "exclude each other", status=2)
+
+
+def test_a_shape_that_is_removed_meanwhile_fails_only_its_file(tmp_path):
+    path, library = tmp_path / "a.ply", str(tmp_path / "a.db")
+    path.write_bytes(small_mesh(1))
+    parameters = {"samples": 8, "method": "classical"}
+    options = ImportOptions(parameters, {}, "update", with_parts=False, machine=Machine(1, None))
+    with Library(library) as other:
+        shape = other.add(path, parameters=parameters)
+
+        def files() -> Iterator[LabelledFile]:
+            yield LabelledFile(path, "ring")
+            other.remove(shape.id)
+
+        (ended,) = import_into_library(library, files(), 1, options)
+    assert (ended.outcome, ended.path) == ("failed", path)
+    assert "was removed" in ended.reason
 
 
 # Processes

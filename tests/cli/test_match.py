@@ -149,6 +149,15 @@ def test_values_that_do_not_fit_are_refused(meshes, tmp_path, values, options, w
     failed_with_a_sentence(done, words)
 
 
+def test_targets_whose_results_would_be_one_file_are_refused(meshes, tmp_path):
+    path, field = tmp_path / "body.obj", tmp_path / "field.npy"
+    path.write_text("not read")
+    field.write_text("not read")
+    done = in_process("transfer", meshes[0], field, meshes[0], path, "-o", tmp_path / "out")
+    failed_with_a_sentence(done, "would both be body.csv", status=2)
+    assert not (tmp_path / "out").exists()
+
+
 def test_files_that_cannot_be_written_are_refused_first(meshes, tmp_path):
     failed_with_a_sentence(in_process("match", *meshes, "-o", tmp_path / "map.txt"), "format must be")
     failed_with_a_sentence(in_process("match", *meshes, "-o", tmp_path / "map.npz", "--samples", 3), "samples must be")

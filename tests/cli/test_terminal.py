@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from typing import get_args
 
 import click
 import numba
@@ -14,17 +15,30 @@ from click.testing import CliRunner
 
 from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded, unbend
 from tests.support.server import DAMAGED, SAMPLES, ply
-from unbend import Library
+from unbend import Library, MeshPolicy, Parameters
 from unbend.cli import options
 from unbend.cli.group import CommandGroup
 from unbend.cli.main import main
 from unbend.cli.tables import table
+from unbend.correspondence.match import Turn
+from unbend.correspondence.pieces import Part
+from unbend.embedding.embed import Criterion, Method
+from unbend.embedding.weighting import Weighting
 from unbend.errors import ParameterError
+from unbend.geodesics.distances import Update
 from unbend.jit import is_compiled, kernel, on_compilation
+from unbend.library.keys import Scope
 from unbend.matching import partial
 from unbend.matching.classification import CLASSIFIERS, DEFAULT_CLASSIFIER
 from unbend.matching.measures.registry import DEFAULT_MEASURE, PAIR_MEASURES, VECTOR_MEASURES
+from unbend.mesh.policy import Components, Seams
 from unbend.mesh.shapes import torus
+from unbend.render.colours import ThemeName
+from unbend.render.request import Subject, Up
+from unbend.results.jobs import JobState
+from unbend.results.rankings import DEFAULT_K
+from unbend.results.shapes import IfKnown
+from unbend.signature.parameters import FirstSample, Scaling
 
 
 def all_commands(group: click.Group = main, prefix: str = "") -> dict[str, click.Command]:
@@ -50,6 +64,30 @@ def test_the_names_in_help_are_those_of_the_registries():
     assert tuple(CLASSIFIERS) == options.CLASSIFIERS
     assert options.VECTOR_MEASURES[0] == DEFAULT_MEASURE
     assert options.CLASSIFIERS[0] == DEFAULT_CLASSIFIER
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "kind"),
+    [
+        ("signature", "method", Method), ("signature", "update", Update), ("signature", "scaling", Scaling),
+        ("signature", "first_sample", FirstSample), ("signature", "weights", Weighting),
+        ("signature", "criterion", Criterion), ("signature", "components", Components), ("signature", "seams", Seams),
+        ("show", "subject", Subject), ("show", "theme", ThemeName), ("show", "up", Up), ("match", "orientation", Turn),
+        ("match", "part", Part), ("jobs", "state", JobState), ("import", "if_known", IfKnown),
+        ("keys create", "scope", Scope),
+    ],
+)  # fmt: skip
+def test_the_choices_in_help_are_those_of_the_package(words, name, kind):
+    (option,) = (parameter for parameter in all_commands()[words].params if parameter.name == name)
+    assert set(option.type.choices) == set(get_args(kind))
+
+
+def test_the_defaults_in_help_are_those_of_the_package():
+    own = {parameter.name: parameter for parameter in all_commands()["query"].params}
+    values = Parameters().as_dict() | MeshPolicy().as_dict() | {"k": DEFAULT_K}
+    expected = {name: value for name, value in values.items() if value is not None}  # None has no option
+    context = click.Context(main)
+    assert {name: own[name].get_default(context) for name in expected} == expected
 
 
 @pytest.mark.parametrize("words", sorted(all_commands()))

@@ -401,6 +401,13 @@ def test_a_failed_job_raises_its_own_error(kind):
     assert type(raised.value) is kind
 
 
+def test_a_job_that_failed_for_a_reason_of_a_later_service_has_no_result():
+    failed = JobStatus("1", "shape", "failed", error=JobFailure("a_later_code", "why", "what to do"))
+    with pytest.raises(errors.JobError, match="why") as raised:
+        protocol.outcome(failed)
+    assert raised.value.advice == "what to do"
+
+
 @pytest.mark.parametrize("code", ["mesh_too_large", "unsuited", "store_full"])
 def test_the_client_raises_errors_of_meshes_parameters_and_stores(code):
     with pytest.raises(errors.UnbendError) as raised:

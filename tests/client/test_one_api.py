@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.clients import Blocking, make_client
+from tests.support.clients import make_client
 from tests.support.server import DAMAGED, SAMPLES, Server, ply, small_mesh
 from unbend import (
     AsyncClient,
@@ -25,7 +25,7 @@ from unbend import (
     read_mesh,
     transfer,
 )
-from unbend.errors import MeshFormatError, MeshReadError, NotFoundError, ParameterError, UnbendError, UnsuitedError
+from unbend.errors import MeshFormatError, MeshReadError, NotFoundError, ParameterError, UnsuitedError
 from unbend.mesh.shapes import ellipsoid
 from unbend.results import (
     AddedShape,
@@ -131,8 +131,12 @@ def test_every_form_of_a_mesh_is_taken(api, form, tmp_path):
 
 
 def test_a_known_file_says_what_it_kept_and_what_it_took(api):
-    first = api.add(small_mesh(2), name="first", parameters=SAMPLES)
-    kept = api.add(small_mesh(2), name="second", label="ring", metadata={}, parameters=SAMPLES)
+    metadata = {"size": (1, 2), 3: {4: 5}}
+    first = api.add(small_mesh(2), name="first", metadata=metadata, parameters=SAMPLES)
+    assert first.metadata == {"size": [1, 2], "3": {"4": 5}}
+    again = api.add(small_mesh(2), metadata=metadata, parameters=SAMPLES)
+    assert (again.id, again.ignored) == (first.id, ())
+    kept = api.add(small_mesh(2), name="second", label="ring", metadata=metadata, parameters=SAMPLES)
     assert (kept.id, kept.name, kept.is_new) == (first.id, "first", False)
     assert (kept.ignored, kept.updated) == (("label", "name"), ())
     taken = api.add(small_mesh(2), name="second", label="ring", parameters=SAMPLES, if_known="update")
@@ -268,8 +272,21 @@ def test_errors_have_the_same_class_code_and_advice(api):
             assert caught.value.advice == here.value.advice
     with pytest.raises(ParameterError, match="samples"):
         api.add(small_mesh(8), parameters={"samples": 1})
-    with pytest.raises(UnbendError):
+    with pytest.raises(ParameterError, match="JSON"):
         api.add(small_mesh(8), metadata={"x": float("nan")})
+
+
+def test_wrong_arguments_are_refused_alike(api):
+    for wrong in ({"limit": 0}, {"limit": -1}, {"state": "lost"}, {"kind": "none"}):
+        with pytest.raises(ParameterError, match=next(iter(wrong))):
+            api.list_jobs(**wrong)
+    with pytest.raises(ParameterError, match="if_known"):
+        api.add(small_mesh(8), parameters=SAMPLES, if_known="perhaps")
+    for wrong in ({"name": ""}, {"label": ""}):
+        with pytest.raises(ParameterError, match=next(iter(wrong))):
+            api.add(small_mesh(8), parameters=SAMPLES, **wrong)
+    with pytest.raises(NotFoundError, match="neither the id"):
+        api.rank("OFF\n" * 5000)
 
 
 def test_jobs_are_listed(api, kind, near):
@@ -321,10 +338,3 @@ def test_results_survive_a_round_trip_through_json(near):
         near.evaluation(parameters=SAMPLES),
     ):
         assert type(value).from_dict(value.as_dict()) == value
-
-
-def test_the_wrapper_of_this_suite_runs_the_asynchronous_client(own_server):
-    made, close = make_client("async", own_server.url)
-    assert isinstance(made, Blocking)
-    assert made.count() >= 0
-    close()

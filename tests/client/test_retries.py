@@ -10,8 +10,10 @@ import httpx
 import pytest
 
 from unbend import Client
+from unbend.client import Job
 from unbend.client.retries import Attempts
 from unbend.errors import QueueFullError, ServiceError
+from unbend.results import JobStatus
 
 
 class Breaking(threading.Thread):
@@ -63,12 +65,30 @@ def test_a_request_without_an_idempotency_key_is_sent_once():
         assert len(server.requests) == 1
 
 
-def test_an_upload_is_repeated_with_the_same_key():
+@pytest.mark.parametrize(
+    "send", [lambda client: client.submit(b"OFF"), lambda client: client.rank("0" * 32)], ids=["upload", "query"]
+)
+def test_an_upload_and_a_query_are_repeated_with_the_same_key(send):
     with closing(Breaking(9, CLASSES)) as server, Client(server.url) as client:
         with pytest.raises(ServiceError, match="could not be reached"):
-            client.submit(b"OFF")
+            send(client)
         keys = {line for each in server.requests for line in each.splitlines() if line.startswith(b"Idempotency-Key")}
         assert (len(server.requests), len(keys)) == (5, 1)
+
+
+def job_response(state: str) -> bytes:
+    body = b'{"id":"1","kind":"shape","state":"%s"}' % state.encode()
+    return b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\nConnection: close\r\n\r\n" % len(body) + body
+
+
+def test_a_wait_of_no_time_asks_for_the_present_state():
+    queued = JobStatus("1", "shape", "queued")
+    with closing(Breaking(0, job_response("succeeded"))) as server, Client(server.url) as client:
+        assert Job(client, queued).wait(0).state == "succeeded"
+    with closing(Breaking(0, job_response("running"))) as server, Client(server.url) as client:
+        with pytest.raises(TimeoutError, match="job 1 is running after 0 seconds"):
+            Job(client, queued).wait(0)
+        assert len(server.requests) == 1
 
 
 def test_waiting_at_a_limit_ends():

@@ -16,7 +16,7 @@ import pytest
 from tests.support.server import DAMAGED
 from unbend import AsyncClient, Client
 from unbend.client.uploads import MeshFile
-from unbend.errors import MeshFormatError, ParameterError
+from unbend.errors import MeshFormatError, MeshReadError, ParameterError
 
 PROBLEM = b'{"code":"mesh_format","detail":"no mesh"}'
 REFUSED = (
@@ -52,8 +52,8 @@ class Receiver(threading.Thread):
             data += connection.recv(65536)
         head, _, rest = data.partition(b"\r\n\r\n")
         wanted, received = int(re.search(rb"content-length: (\d+)", head, re.IGNORECASE)[1]), len(rest)
-        while received < wanted:
-            received += len(connection.recv(65536))
+        while received < wanted and (piece := connection.recv(65536)):
+            received += len(piece)
         return received
 
     def close(self) -> None:
@@ -121,3 +121,30 @@ def test_a_file_that_is_missing_or_opened_as_text_is_refused_before_anything_is_
         text.write_bytes(DAMAGED)
         with text.open() as file, pytest.raises(ParameterError, match="'rb'"):
             client.submit(file)
+
+
+@pytest.mark.parametrize("change", ["grows", "shrinks"])
+def test_a_file_that_changes_while_it_is_sent_is_an_error_of_the_file(path, change):
+    receiver = Receiver(0)
+
+    def progress(sent: int, _size: int) -> None:
+        if sent < LARGE // 2:
+            with path.open("r+b") as file:
+                file.truncate(LARGE * 2 if change == "grows" else LARGE // 2)
+
+    with Client(receiver.url) as client, pytest.raises(MeshReadError, match=r"large\.off changed while it was sent"):
+        client.submit(path, progress=progress)
+    receiver.close()
+
+
+@pytest.mark.parametrize(
+    "details",
+    [{"name": "\udce9"}, {"label": "\udce9"}, {"metadata": {"a": {1}}}, {"metadata": {"a": "\udce9"}}],
+    ids=str,
+)
+def test_a_description_that_cannot_be_sent_is_refused(details):
+    with Client("http://127.0.0.1:9") as client:
+        with pytest.raises(ParameterError, match="cannot represent"):
+            client.add(DAMAGED, **details)
+        with pytest.raises(ParameterError, match="cannot represent"):
+            client.change("0" * 32, **details)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.server import ply, small_mesh
 from tests.support.store import add, insert
 from unbend import Library, Parameters
-from unbend.cli.folder import read_labels
+from unbend.cli.folders.files import read_labels
 from unbend.errors import MeshFormatError, ParameterError
 from unbend.library.backups.export import safe_name
 from unbend.mesh.shapes import torus

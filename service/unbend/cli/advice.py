@@ -26,10 +26,10 @@ _ADVICE: Final[Mapping[type[errors.UnbendError], str]] = MappingProxyType(
         errors.CallTimeoutError: "Use fewer samples or another measure, or raise UNBEND_CALL_SECONDS of the service.",
     }
 )
-"""Advice for classes of errors whose own advice names headers, or methods, or nothing. {listing} is a command."""
+"""Advice on errors that have none, or whose advice names HTTP headers or Python methods. {listing} is a command."""
 
 _LISTINGS: Final[Mapping[str, str]] = MappingProxyType({"jobs": "unbend jobs", "revoke": "unbend keys list"})
-"""The commands that print the identifiers that other commands than those of shapes take."""
+"""The command that prints the identifiers of jobs or keys, by the name of the command that takes them."""
 
 
 def advice_for(error: errors.UnbendError, command: click.Command | None, context: click.Context) -> str:

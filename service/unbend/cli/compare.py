@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.computing import compute_file
+from unbend.cli.mesh_file import compute_file
 from unbend.cli.options import (
     PAIR_MEASURES,
     VECTOR_MEASURES,

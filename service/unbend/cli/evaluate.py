@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
-from unbend.cli.computing import Machine, machine_options
+from unbend.cli.folders.computing import Machine, machine_options
 from unbend.cli.options import (
     VECTOR_MEASURES,
     Values,
@@ -90,7 +90,7 @@ def evaluate(
         with open_place(library, url) as place:
             results = {name: place.evaluation(name, parameters=parameters).as_dict() for name in chosen}
     else:
-        from unbend.cli.folder_evaluation import Folder, evaluate_folder  # noqa: PLC0415
+        from unbend.cli.folders.evaluation import Folder, evaluate_folder  # noqa: PLC0415
 
         found = evaluate_folder(
             Folder(folder, labels, gallery), chosen, machine, parameters, policy, separated=separated, html=html

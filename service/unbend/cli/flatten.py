@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.computing import read_file
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, mesh_path, output_option, parameter_options, policy_options
 from unbend.cli.terminal import confirm_file
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from unbend.cli.account import EXIT_SOME_FAILED, account_for, accounting, meshes_of, report_option
-from unbend.cli.computing import Machine, machine_options
-from unbend.cli.folder import MeshFolder
-from unbend.cli.import_options import ImportOptions
+from unbend.cli.folders.account import account_for, accounting, meshes_of, report_option
+from unbend.cli.folders.computing import Machine, machine_options
+from unbend.cli.folders.files import MeshFolder
+from unbend.cli.folders.import_options import ImportOptions
+from unbend.cli.group import EXIT_SOME_FAILED
 from unbend.cli.options import (
     Values,
     folder_argument,
@@ -88,11 +89,11 @@ def import_folder(
     with accounting(folder, report, kept=kept) as account:
         files = meshes_of(source, account)
         if url:
-            from unbend.cli.import_over_http import import_over_http  # noqa: PLC0415
+            from unbend.cli.folders.import_over_http import import_over_http  # noqa: PLC0415
 
             ended = import_over_http(url, files, options)
         else:
-            from unbend.cli.import_into_library import import_into_library  # noqa: PLC0415
+            from unbend.cli.folders.import_into_library import import_into_library  # noqa: PLC0415
 
             announce_compilation(in_processes=True)
             ended = import_into_library(library, files, account.meshes, options)

@@ -8,7 +8,7 @@ import click
 
 from unbend.cli.options import json_option, place_options
 from unbend.cli.places import cancel_job, open_place
-from unbend.cli.tables import table
+from unbend.cli.tables import table, timestamp
 from unbend.cli.terminal import print_result
 
 if TYPE_CHECKING:
@@ -39,12 +39,8 @@ def jobs(
 
 
 def _table(found: list[JobStatus]) -> str:
-    rows = [[job.id, job.kind, job.state, _second(job), _remark(job)] for job in found]
+    rows = [[job.id, job.kind, job.state, timestamp(job.created_at), _remark(job)] for job in found]
     return table(["id", "kind", "state", "sent (UTC)", "remark"], rows)
-
-
-def _second(job: JobStatus) -> str | None:
-    return f"{job.created_at:%Y-%m-%d %H:%M:%S}" if job.created_at else None
 
 
 def _remark(job: JobStatus) -> str | None:

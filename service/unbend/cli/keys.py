@@ -13,7 +13,7 @@ import click
 from unbend.cli.group import CommandGroup
 from unbend.cli.options import json_option, library_option
 from unbend.cli.places import check_library
-from unbend.cli.tables import table
+from unbend.cli.tables import table, timestamp
 from unbend.cli.terminal import confirm, print_result, warn
 
 if TYPE_CHECKING:
@@ -108,14 +108,10 @@ def _table(records: list[KeyRecord]) -> str:
     if not records:
         return "the library has no keys"
     rows = [
-        [record.id, record.scope, *map(_second, _times(record)), record.most_jobs, record.name] for record in records
+        [record.id, record.scope, *map(timestamp, _times(record)), record.most_jobs, record.name] for record in records
     ]
     return table(["id", "scope", "made", "revoked", "expires", "jobs", "name"], rows)
 
 
 def _times(record: KeyRecord) -> tuple[datetime | None, ...]:
     return record.created_at, record.revoked_at, record.expires_at
-
-
-def _second(time: datetime | None) -> str | None:
-    return f"{time:%Y-%m-%d %H:%M:%S}" if time else None

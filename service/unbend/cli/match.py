@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from unbend.cli.computing import read_file
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, mesh_path, output_option, policy_options
 from unbend.cli.terminal import confirm_file, warn_of
 

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, Union
 
-from unbend.cli.computing import compute_file
-from unbend.cli.connect import connect
+from unbend.cli.mesh_file import compute_file
 from unbend.cli.options import PART_MEASURES, Values
 from unbend.cli.terminal import warn_of
 
@@ -31,6 +30,16 @@ def open_place(library: str, url: str | None) -> Iterator[Place]:
     else:
         with open_library(library) as opened:
             yield opened
+
+
+def connect(url: str) -> Client:
+    """Return a client of the service at `url`, with the API key of UNBEND_API_KEY.
+
+    There is no option for the key, because it would be visible in the list of processes.
+    """
+    from unbend.client import Client  # noqa: PLC0415
+
+    return Client(url)
 
 
 @contextmanager

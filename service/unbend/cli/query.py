@@ -62,13 +62,13 @@ def query(
     options = {"k": k, "measure": measure, "classifier": classifier}
     with open_place(library, url) as place:
         ranking = rank_file(place, mesh, parameters, policy, options)
-        reason = "" if ranking.shapes else why_nothing_compares(place, parameters, measure)
+        reason = "" if ranking.shapes else _why_nothing_compares(place, parameters, measure)
     if reason and as_json:
         warn(f"unbend: {reason}")
     print_result(ranking.as_dict(), reason or (lambda: _table(ranking)), as_json=as_json)
 
 
-def why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
+def _why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
     """Return the reason why no shape of `place` is compared with a signature of these parameters."""
     from unbend.signature.parameters import Parameters  # noqa: PLC0415
     from unbend.signature.signature import ALGORITHM_VERSION  # noqa: PLC0415

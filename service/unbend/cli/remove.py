@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from unbend.cli.account import EXIT_SOME_FAILED
+from unbend.cli.group import EXIT_SOME_FAILED
 from unbend.cli.options import json_option, place_options
 from unbend.cli.places import open_place
 from unbend.cli.terminal import confirm, print_error

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, get_args
 
 import click
 
-from unbend.cli.computing import read_file
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import (
     Values,
     json_option,

@@ -8,9 +8,11 @@ from typing import Final
 
 import click
 
-from unbend.cli.account import EXIT_SOME_FAILED, account_for, accounting, meshes_of, report_option
-from unbend.cli.computing import Machine, machine_options, read_file
-from unbend.cli.folder import MeshPaths
+from unbend.cli.folders.account import account_for, accounting, meshes_of, report_option
+from unbend.cli.folders.computing import Machine, machine_options
+from unbend.cli.folders.files import MeshPaths
+from unbend.cli.group import EXIT_SOME_FAILED
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, parameter_options, policy_options
 from unbend.cli.terminal import announce_compilation, confirm_file, stages
 
@@ -59,7 +61,7 @@ def signature(
         raise click.UsageError("several meshes need a folder for their signatures: -o")
     if output.exists() and not output.is_dir():
         raise click.UsageError(f"{output} is not a folder, and the output for several meshes is a folder")
-    from unbend.cli.signature_files import write_signatures  # noqa: PLC0415
+    from unbend.cli.folders.signatures import write_signatures  # noqa: PLC0415
 
     source = MeshPaths(meshes, [output, report] if report else [output])
     announce_compilation(in_processes=True)

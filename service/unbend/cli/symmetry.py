@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.computing import read_file
 from unbend.cli.match import doubts, figures, quality, samples_option
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, mesh_path, output_option, policy_options
 from unbend.cli.terminal import confirm_file, warn_of
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
 from typing import Final
 
 from unbend.names import printable
@@ -29,6 +30,11 @@ def figures_table(heading: str, columns: Sequence[str], rows: Sequence[tuple[str
     """Return a table of numbers. Each row has its name and its values of `columns`."""
     cells = [[name, *(_figure(values[column]) for column in columns)] for name, values in rows]
     return table([heading, *columns], cells, numbers=columns)
+
+
+def timestamp(time: datetime | None) -> str | None:
+    """Return a time as a cell, to the second."""
+    return f"{time:%Y-%m-%d %H:%M:%S}" if time else None
 
 
 def _figure(value: float | None) -> object:

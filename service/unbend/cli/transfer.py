@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from unbend.cli.computing import read_file
 from unbend.cli.match import doubts, figures, orientation_option, part_option, quality, samples_option
+from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, mesh_path, policy_options
 from unbend.cli.terminal import confirm, warn, warn_of
 from unbend.names import printable
@@ -60,6 +61,7 @@ def transfer(
 
     from unbend.correspondence.match import match  # noqa: PLC0415
 
+    _check_names(targets)
     source = read_file(specimen, policy)
     given = _at_surface(source, _read(values), landmarks)
     output.mkdir(parents=True, exist_ok=True)
@@ -67,13 +69,26 @@ def transfer(
     for target in targets:
         surface = read_file(target, policy)
         found = match(surface, source, samples=samples, orientation=cast("Any", orientation), part=cast("Any", part))
-        path = output / f"{target.stem}.csv"
+        path = output / _result_name(target)
         path.write_text(_table(_carried(found, surface, given, landmarks)))
         warn_of(path, doubts(found))
         if not as_json:
             warn(f"{path}: {quality(found, source)}")
         results.append({"output": printable(str(path)), **figures(found, source)})
     confirm({"results": results}, f"{printable(str(output))}: {len(results)} files", as_json=as_json)
+
+
+def _result_name(target: Path) -> str:
+    return f"{target.stem}.csv"
+
+
+def _check_names(targets: Sequence[Path]) -> None:
+    """Raise UsageError if the results of two targets would be the same file."""
+    named: dict[str, Path] = {}
+    for target in targets:
+        other = named.setdefault(_result_name(target), target)
+        if other is not target:
+            raise click.UsageError(f"the results of {other} and {target} would both be {_result_name(target)}")
 
 
 def _read(path: Path) -> NDArray[Any]:

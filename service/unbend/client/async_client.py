@@ -71,10 +71,10 @@ class AsyncJob(Generic[R]):
         """Return the job once it has ended; TimeoutError after `timeout` seconds, never by default."""
         end = None if timeout is None else time.monotonic() + timeout
         while not self._status.finished:
-            patience = POLL_SECONDS if end is None else min(POLL_SECONDS, end - time.monotonic())
-            if patience <= 0:
+            left = POLL_SECONDS if end is None else end - time.monotonic()
+            await self._ask({"wait": max(0.0, min(POLL_SECONDS, left))})
+            if left <= 0 and not self._status.finished:
                 raise TimeoutError(f"job {self.id} is {self._status.state} after {timeout} seconds")
-            await self._ask({"wait": patience})
         return self._status
 
     async def events(self) -> AsyncIterator[JobStatus]:
@@ -91,6 +91,8 @@ class AsyncJob(Generic[R]):
 
     async def result(self, timeout: float | None = None) -> R:
         """Return the stored shape of an upload, the ranking of a query, or the file that the job made.
+
+        If two clients upload one file at the same time, `is_new` may be true for both.
 
         Raises
         ------
@@ -337,7 +339,7 @@ class AsyncClient:
 
     async def change(self, shape_id: str, **changes: Any) -> ShapeRecord:
         """Set some of a shape's `name`, `label` (None for no class) and `metadata`, and return the shape."""
-        response = await self.request("PATCH", protocol.shape_path(shape_id), json=changes)
+        response = await self.request("PATCH", protocol.shape_path(shape_id), json=protocol.body(**changes))
         return ShapeRecord.from_dict(response.json())
 
     async def remove(self, shape_id: str) -> None:
@@ -395,7 +397,8 @@ class AsyncClient:
         options = QueryOptions(measure, classifier, k)
         shape_id = protocol.stored(query)
         if shape_id is not None:
-            response = await self.request("POST", "/v1/queries", json=options.of_shape(shape_id))
+            body = options.of_shape(shape_id)
+            response = await self.request("POST", "/v1/queries", headers=protocol.once(), json=body)
             return Ranking.from_dict(response.json())
         with ExitStack() as stack:
             content = options.content(stack.enter_context(MeshFile.of(query, progress)), parameters, policy)

@@ -44,15 +44,44 @@ def job_path(job_id: str) -> str:
 
 
 def given(**values: object) -> dict[str, str]:
-    """Return the values that are not None as text: JSON for objects."""
-    return {name: text_of(value) for name, value in values.items() if value is not None}
+    """Return the values that are not None as fields of a form or of a query string: text, and JSON for objects.
+
+    Raises
+    ------
+    ParameterError
+        If JSON or UTF-8 cannot represent a value.
+    """
+    return {name: _text_of(name, value) for name, value in values.items() if value is not None}
 
 
-def text_of(value: object) -> str:
-    """Return a field of a form or of a query string: JSON for objects."""
+def _text_of(name: str, value: object) -> str:
     if isinstance(value, JsonObject):
         return value.to_json()
-    return json.dumps(dict(value)) if isinstance(value, Mapping) else str(value)
+    return json_text(name, dict(value)) if isinstance(value, Mapping) else _encodable(name, str(value))
+
+
+def json_text(name: str, value: object) -> str:
+    """Return a value as JSON; ParameterError if JSON or UTF-8 cannot represent it. `name` is its name in the error."""
+    try:
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+    except (TypeError, ValueError, RecursionError):
+        raise ParameterError(f"{name} contains a value that JSON cannot represent") from None
+    return _encodable(name, text)
+
+
+def _encodable(name: str, text: str) -> str:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise ParameterError(f"{name} contains a character that UTF-8 cannot represent") from None
+    return text
+
+
+def body(**values: object) -> Json:
+    """Return the members of a body in JSON; ParameterError if JSON or UTF-8 cannot represent a value."""
+    for name, value in values.items():
+        json_text(name, value)
+    return values
 
 
 def stored(query: object) -> str | None:
@@ -149,7 +178,7 @@ def outcome(status: JobStatus) -> JobStatus:
     if status.state == "succeeded":
         return status
     error = status.error or JobFailure(JobError.code, f"the job was {status.state}")
-    raise reported(error.code, error.message, advice=error.advice)
+    raise reported(error.code, error.message, advice=error.advice, unknown=JobError)
 
 
 def unreachable(url: httpx.URL, error: Exception) -> ServiceError:

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self, TypedDict
 
 from unbend.client.protocol import Json, given
+from unbend.errors import MeshReadError, ParameterError
 from unbend.mesh.policy import PolicyLike
 from unbend.mesh.sources import MeshSource, bytes_of
 from unbend.names import MAX_TEXT, printable
@@ -28,9 +29,10 @@ class Content(TypedDict, total=False):
 
 
 class MeshFile:
-    """A mesh to send: a binary file that reports its reading, and its name. Close it after the request.
+    """A mesh to send, as a named binary file that reports how much of it was read. Close it after the request.
 
-    A repeated request reads it again from its beginning.
+    A repeated request reads it again from its beginning. A file that grows or shrinks meanwhile cannot be sent, because
+    the head of the request has its size.
     """
 
     def __init__(self, file: BinaryIO, name: str, progress: UploadProgress | None = None) -> None:
@@ -61,10 +63,19 @@ class MeshFile:
         self._file.close()
 
     def read(self, size: int = -1) -> bytes:
-        """Return the next bytes, and report how many were read."""
+        """Return the next bytes, and report how many were read.
+
+        Raises
+        ------
+        MeshReadError
+            If the file has grown or shrunk since it was opened.
+        """
         piece = self._file.read(size)
+        place = self._file.tell()
+        if place > self._size or (not piece and place < self._size):
+            raise MeshReadError(f"{self.name} changed while it was sent")
         if self._progress and piece:
-            self._progress(self._file.tell(), self._size)
+            self._progress(place, self._size)
         return piece
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
@@ -78,7 +89,13 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class Details:
-    """The description of an uploaded shape; fields that are None are not sent."""
+    """The description of an uploaded shape; fields that are None are not sent.
+
+    Raises
+    ------
+    ParameterError
+        If the name or the label is empty: a service takes an empty field of a form for one that is not given.
+    """
 
     name: str | None
     label: str | None
@@ -87,9 +104,14 @@ class Details:
     policy: PolicyLike
     if_known: str
 
+    def __post_init__(self) -> None:
+        for name, text in {"name": self.name, "label": self.label}.items():
+            if text == "":
+                raise ParameterError(f"a shape's {name} must not be empty")
+
     def content(self, mesh: MeshFile) -> Content:
         """Return the multipart form of an upload."""
-        return _content(mesh, **vars(self) | {"name": self.name or mesh.title})
+        return _content(mesh, **vars(self) | {"name": mesh.title if self.name is None else self.name})
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unbend.arrays import Floats, frozen
-from unbend.brief import brief, noted, spread
+from unbend.brief import brief, counted_points, noted
 from unbend.embedding.checks import (
     check_distances,
     check_pair_weights,
@@ -62,7 +62,9 @@ class Embedding:
         object.__setattr__(self, "eigenvalues", frozen(self.eigenvalues, np.float64))
 
     def __repr__(self) -> str:
-        return brief(self, spread(self.points.shape), f"stress {self.stress:.3g}", noted(self.iterations, "iteration"))
+        return brief(
+            self, counted_points(self.points.shape), f"stress {self.stress:.3g}", noted(self.iterations, "iteration")
+        )
 
 
 def embed(

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Self, cast, get_args
 
 from unbend.correspondence.match import Turn, match
 from unbend.correspondence.pieces import Part
-from unbend.errors import NotFoundError
+from unbend.errors import NotFoundError, ParameterError, check_choice
 from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.jobs import JobFilter, Jobs
@@ -259,7 +259,19 @@ class Library:
     def list_jobs(
         self, *, state: JobState | None = None, kind: JobKind | None = None, limit: int = 100
     ) -> list[JobStatus]:
-        """Return at most `limit` (500 at most) jobs of a service that uses this library, the newest first."""
+        """Return at most `limit` (500 at most) jobs of a service that uses this library, the newest first.
+
+        Raises
+        ------
+        ParameterError
+            If `limit` is below 1, or there is no such state or kind.
+        """
+        if limit < 1:
+            raise ParameterError(f"limit must be at least 1, not {limit}")
+        if state is not None:
+            check_choice("state", state, get_args(JobState))
+        if kind is not None:
+            check_choice("kind", kind, get_args(JobKind))
         page, ahead = self.jobs.read_page(JobFilter(state, kind), cursor=None, limit=min(limit, MAX_PAGE))
         return [job.status(ahead.get(job.id)) for job in page.items]
 

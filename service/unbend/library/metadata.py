@@ -53,6 +53,12 @@ def check_metadata(value: object) -> None:
         raise ParameterError(f"metadata has {len(text)} bytes as JSON, and may have {MAX_METADATA_BYTES}")
 
 
+def as_stored(metadata: dict[str, Any]) -> dict[str, Any]:
+    """Return checked metadata as the library returns it: with lists for tuples, and text for the names of members."""
+    stored: dict[str, Any] = json.loads(json.dumps(metadata))
+    return stored
+
+
 def read_metadata(text: str) -> dict[str, Any] | None:
     """Return stored metadata; None if it is nested more deeply than this version allows."""
     try:

@@ -6,10 +6,10 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal, Self, get_args
 
 from unbend.errors import ParameterError, check_choice
-from unbend.library.metadata import check_changes
+from unbend.library.metadata import as_stored, check_changes
 from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import (
     DEFAULT_MEASURE,
@@ -87,11 +87,14 @@ class ShapeRequest:
         Raises
         ------
         ParameterError
-            If one of them cannot be stored.
+            If one of them cannot be stored, or there is no such `if_known`.
         """
+        check_choice("if_known", if_known, get_args(IfKnown))
         sent = {name: value for name, value in given.items() if value is not None}
         described: dict[str, Any] = {"name": default_name} | sent
         check_changes(described)
+        if "metadata" in sent:  # so that it equals the metadata of a shape that took it before
+            described["metadata"] = as_stored(sent["metadata"])
         return cls(**described, sent=tuple(sent), if_known=if_known)
 
     @property

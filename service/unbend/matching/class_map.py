@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Singles, frozen
-from unbend.brief import brief, spread
+from unbend.brief import brief, counted_points
 from unbend.descriptors.pose import principal_pose
 from unbend.embedding.embed import embed
 from unbend.embedding.extension import extend
@@ -38,7 +38,7 @@ class ClassMap:
         object.__setattr__(self, "points", frozen(self.points, np.float64))
 
     def __repr__(self) -> str:
-        return brief(self, spread(self.points.shape), f"stress {self.stress:.3g}")
+        return brief(self, counted_points(self.points.shape), f"stress {self.stress:.3g}")
 
 
 def class_map(vectors: Singles, measure: VectorMeasure, dimensions: int = 2, *, threads: int | None = None) -> ClassMap:

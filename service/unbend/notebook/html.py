@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from unbend.marks import COLOURS, MARKS, fit_to_frame, look_of
+from unbend.marks import COLOURS, MARKS, UNLABELLED, fit_to_frame, look_of
 
 MOST_ROWS: Final = 10
 """Classes or shapes that a ranking shows; the table says how many more there are."""
@@ -22,8 +22,6 @@ MOST_MARKS: Final = 2000
 """Shapes that a map shows; if there are more, evenly spaced ones."""
 
 _WIDTH, _HEIGHT, _EDGE = 460, 360, 24
-
-_UNLABELLED: Final = "#8c8c8c"
 
 # Names and labels are not trusted, so every value is escaped. A missing value is an error.
 _TEMPLATES: Final = Environment(
@@ -73,7 +71,7 @@ def map_html(shape_map: Any) -> str:
     looks = {label: _look(place) for place, label in enumerate(labels)}
     points = fit_to_frame(_in_plane(items), _WIDTH, _HEIGHT, _EDGE) if items else np.empty((0, 2))
     marks = [
-        (item, x, _HEIGHT - y, *looks.get(item.label, (_UNLABELLED, MARKS[0])))
+        (item, x, _HEIGHT - y, *looks.get(item.label, (UNLABELLED, MARKS[0])))
         for item, (x, y) in zip(items, points.tolist(), strict=True)
     ]
     return _TEMPLATES.get_template("map.html.jinja").render(

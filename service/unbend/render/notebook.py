@@ -46,5 +46,5 @@ def thumbnail(surface: Surface) -> bytes:
 
 
 def _drawn(form: CanonicalForm) -> bytes:
-    """Draw a form alone. It is turned as itself stands, because the pose of its surface is unknown."""
+    """Draw a form alone. The form itself decides how it is turned, because the pose of its surface is unknown."""
     return render_picture(_FORM, form.surface, form)

@@ -17,6 +17,9 @@ from unbend.results.decoding import known_fields
 DEFAULT_K: Final = 10
 """Number of shapes in a ranking by default."""
 
+_SHOWN: Final = 200
+"""Most characters of a query that an error shows."""
+
 
 @dataclass(frozen=True)
 class PartRelation:
@@ -139,6 +142,10 @@ def shape_id_of(query: object) -> str | None:
         return None
     if is_shape_id(query):
         return query
-    if not Path(query).exists():
-        raise NotFoundError(f"{query!r} is neither the id of a stored shape nor a file")
+    try:
+        exists = Path(query).exists()
+    except OSError:  # longer than any path, such as the text of a mesh
+        exists = False
+    if not exists:
+        raise NotFoundError(f"{query[:_SHOWN]!r} is neither the id of a stored shape nor a file")
     return None

@@ -21,7 +21,7 @@ ShapeOrder = Literal["oldest", "newest"]
 
 @dataclass(frozen=True, eq=False)
 class ShapeRecord:
-    """A member of the library, without its arrays. Records are equal if they have the same state of a shape."""
+    """A member of the library, without its arrays. Two records are equal if their `state` is equal."""
 
     id: str
     name: str

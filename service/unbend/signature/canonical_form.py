@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unbend.arrays import Floats, Ints, frozen
-from unbend.brief import brief, counted, spread
+from unbend.brief import brief, counted, counted_points
 from unbend.embedding.extension import extend
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import Update, distance_rows
@@ -53,7 +53,10 @@ class CanonicalForm(Pictured):
 
     def __repr__(self) -> str:
         return brief(
-            self, spread(self.points.shape), counted(len(self.faces), "face"), f"stress {self.signature.stress:.3g}"
+            self,
+            counted_points(self.points.shape),
+            counted(len(self.faces), "face"),
+            f"stress {self.signature.stress:.3g}",
         )
 
     @cached_property

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from unbend.arrays import Floats, Indices, Ints, frozen
-from unbend.brief import assigned, brief, changed, noted, spread
+from unbend.brief import assigned, brief, changed, counted_points, noted
 from unbend.local.signatures import LocalSignatures
 from unbend.notebook.pictured import Pictured
 from unbend.signature.parameters import Parameters
@@ -56,7 +56,7 @@ class Signature(Pictured):
     def __repr__(self) -> str:
         chosen = {"samples": self.parameters.samples, **changed(self.parameters)}
         return brief(
-            self, spread(self.points.shape), f"stress {self.stress:.3g}",
+            self, counted_points(self.points.shape), f"stress {self.stress:.3g}",
             *assigned(chosen), f"version {self.version}", noted(len(self.warnings), "warning"),
         )  # fmt: skip
 

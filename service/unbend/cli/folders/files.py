@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import os
+import stat
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from unbend.cli.first_paths import FirstPaths
+from unbend.cli.folders.first_paths import FirstPaths
 from unbend.errors import ParameterError
 from unbend.jsons import parse_json
 from unbend.mesh.formats import FORMATS
@@ -42,7 +43,10 @@ NO_MESH: Final = "not a mesh"
 NO_ROW: Final = "a mesh without a row in the file of labels"
 NO_FILE: Final = "a row without a file"
 NOT_REGULAR: Final = "not a regular file"
-UNREADABLE: Final = "a folder that cannot be read"
+UNREADABLE: Final = "without permission to read it"
+
+_OBJECTS: Final = ("metadata", "parameters", "policy")
+"""Columns of a file of labels that have JSON objects."""
 
 _EXTENSIONS: Final = frozenset(f".{name}" for name in FORMATS)
 
@@ -166,24 +170,32 @@ def relative_name(path: Path, folder: Path) -> str:
     return printable(str(path.relative_to(folder) if path.is_relative_to(folder) else path))
 
 
-_OBJECTS: Final = ("metadata", "parameters", "policy")
-
-
 def _walk(folder: Path, skipped: Collection[bytes]) -> Iterator[Path | LeftOut]:
     """Yield the files below a folder in the order of their paths, without following links to folders."""
     try:
         names = sorted(path.name for path in folder.iterdir())
     except OSError as error:
-        yield LeftOut(folder, UNREADABLE, f"{folder}: the folder cannot be read: {error.strerror}")
+        yield _unreadable(folder, error)
         return
     for name in names:
         path = folder / name
         if skipped and _place(path.absolute()) in skipped:
             continue
-        if path.is_dir() and not path.is_symlink():
+        try:
+            mode = path.stat().st_mode
+        except PermissionError as error:  # its folder may be listed, but not entered
+            yield _unreadable(path, error)
+            continue
+        except OSError:
+            mode = 0  # a link to nowhere
+        if stat.S_ISDIR(mode) and not path.is_symlink():
             yield from _walk(path, skipped)
         else:
-            yield path if path.is_file() else LeftOut(path, NOT_REGULAR)
+            yield path if stat.S_ISREG(mode) else LeftOut(path, NOT_REGULAR)
+
+
+def _unreadable(path: Path, error: OSError) -> LeftOut:
+    return LeftOut(path, UNREADABLE, f"{path} cannot be read: {error.strerror}")
 
 
 def _place(path: Path) -> bytes:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from unbend.cli.account import Ended
-from unbend.cli.computing import Machine
-from unbend.cli.folder import LabelledFile
+from unbend.cli.folders.account import Ended
+from unbend.cli.folders.computing import Machine
+from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
 from unbend.errors import UnbendError
 from unbend.jobs.batch import Batch, SignatureFile, compute_signature_file, outcome_of
@@ -55,5 +56,7 @@ def _written(path: Path, found: SignatureFile | UnbendError, target: Path) -> En
         partial_file.write_bytes(found.data)
         partial_file.replace(target)  # so that a signature is complete if it exists
     except OSError as error:
+        with suppress(OSError):
+            partial_file.unlink()
         return Ended(path, "failed", f"{target} cannot be written: {error.strerror}")
     return Ended(path, "new", result=str(target), warnings=found.warnings)

@@ -10,11 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from unbend.cli.account import Ended
-from unbend.cli.first_paths import FirstPaths
-from unbend.cli.folder import LabelledFile
-from unbend.cli.import_options import ImportOptions, description_of
-from unbend.errors import MeshReadError, ParameterError, StoreError, UnbendError
+from unbend.cli.folders.account import Ended
+from unbend.cli.folders.files import LabelledFile
+from unbend.cli.folders.first_paths import FirstPaths
+from unbend.cli.folders.import_options import ImportOptions, description_of
+from unbend.errors import MeshReadError, NotFoundError, ParameterError, StoreError, UnbendError
 from unbend.jobs.batch import Batch, compute_upload
 from unbend.library import Library
 from unbend.library.requests import ShapeRequest, UploadKey
@@ -53,7 +53,7 @@ def import_into_library(
     StoreError
         If the library fails.
     """
-    Parameters.from_dict(options.parameters), MeshPolicy.from_dict(options.policy)  # invalid for all files, if for one
+    options.check()
     machine = options.machine
     with (
         Library(url) as library,
@@ -86,9 +86,7 @@ class _Importer:
             policy = MeshPolicy.from_dict(options.policy_of(file))
             sha256, content = options.content_of(file)
             first = self._firsts.put(content, file.path)
-            # Otherwise files of the same content and different classes would change the shape in each import.
-            if_known = "keep" if first else options.if_known
-            request = ShapeRequest.of(shape_name(file.path.name), description_of(file), if_known)
+            request = ShapeRequest.of(shape_name(file.path.name), description_of(file), options.if_known_of(first))
         except (ParameterError, MeshReadError) as error:
             return _Task(file.path), _failed(error)
         key = UploadKey.of(sha256, parameters, policy)
@@ -106,7 +104,10 @@ class _Importer:
             return _failed(error)
         found = future.result()
         if isinstance(found, ShapeRecord):
-            return _completed(self._library.shapes.update_known(found, task.request))
+            try:
+                return _completed(self._library.shapes.update_known(found, task.request))
+            except NotFoundError:
+                return _failed(UnbendError("its shape was removed while it was imported: import it again"))
         return self._library.shapes.submit(found, task.request, partial(_read, task.path, found.key.sha256))
 
     def end(self, task: _Task, stored: Future[AddedShape]) -> Ended:

@@ -7,13 +7,13 @@ from collections.abc import Generator, Iterator
 from functools import partial
 from typing import Final
 
-from unbend.cli.account import Ended
-from unbend.cli.connect import connect
-from unbend.cli.first_paths import FirstPaths
-from unbend.cli.folder import LabelledFile
-from unbend.cli.import_options import ImportOptions, description_of
+from unbend.cli.folders.account import Ended
+from unbend.cli.folders.files import LabelledFile
+from unbend.cli.folders.first_paths import FirstPaths
+from unbend.cli.folders.import_options import ImportOptions, description_of
+from unbend.cli.places import connect
 from unbend.client import Client, Job
-from unbend.errors import AccessError, ParameterError, ServiceError, UnbendError
+from unbend.errors import AccessError, ServiceError, UnbendError
 from unbend.results.shapes import AddedShape
 
 _AHEAD: Final = 64
@@ -21,15 +21,24 @@ _AHEAD: Final = 64
 
 
 def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOptions) -> Generator[Ended]:
-    """Upload files, and yield each once the service has stored its shape."""
+    """Upload files, and yield each once the service has stored its shape.
+
+    Raises
+    ------
+    ParameterError
+        If options are invalid.
+    ServiceError, AccessError
+        If the service does not respond, or refuses the key: it would do so for every file.
+    """
+    options.check()
     with connect(url) as client, FirstPaths() as firsts:
         waiting: deque[tuple[LabelledFile, Job[AddedShape]]] = deque()
         for file in files:
             try:
                 waiting.append((file, _submit(client, file, firsts, options)))
+            except (ServiceError, AccessError):
+                raise
             except (UnbendError, OSError) as error:
-                if isinstance(error, ServiceError | AccessError | ParameterError):  # it would repeat for every file
-                    raise
                 yield Ended(file.path, "failed", str(error))
             if len(waiting) > _AHEAD:
                 yield _ended(*waiting.popleft(), firsts)
@@ -39,25 +48,25 @@ def import_over_http(url: str, files: Iterator[LabelledFile], options: ImportOpt
 
 def _submit(client: Client, file: LabelledFile, firsts: FirstPaths, options: ImportOptions) -> Job[AddedShape]:
     _, content = options.content_of(file)
-    # Otherwise files of the same content and different classes would change the shape in each import.
-    if_known = "keep" if firsts.put(content, file.path) else options.if_known
     return client.submit(
         file.path,
         **description_of(file),
         parameters=options.parameters_of(file),
         policy=options.policy_of(file),
-        if_known=if_known,
+        if_known=options.if_known_of(firsts.put(content, file.path)),
     )
 
 
 def _ended(file: LabelledFile, job: Job[AddedShape], firsts: FirstPaths) -> Ended:
     try:
         shape = job.result()
+    except (ServiceError, AccessError):
+        raise
     except UnbendError as error:
         return Ended(file.path, "failed", str(error))
     ended = partial(Ended, file.path, result=shape.id, taken=shape.updated, warnings=shape.warnings)
     if first := firsts.put(shape.id.encode(), file.path):
-        # The service does not say it of a file that was computed at the same time as the first.
+        # A service reports no ignored fields of a file that it computed at the same time as the first.
         ignored = [field for field, value in description_of(file).items() if getattr(shape, field) != value]
         return ended("merged", str(first), ignored=ignored)
     if shape.is_new:

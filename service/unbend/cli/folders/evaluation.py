@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unbend import __version__
-from unbend.cli.computing import Computed, Machine, compute_files, dimensions_of
-from unbend.cli.folder import LabelledFile, MeshFolder, read_labels, relative_name
+from unbend.cli.folders.computing import Computed, Machine, compute_files, dimensions_of
+from unbend.cli.folders.files import LabelledFile, MeshFolder, read_labels, relative_name
 from unbend.cli.options import Values
 from unbend.cli.terminal import warn
 from unbend.errors import ParameterError

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unbend.cli.computing import Machine
-from unbend.cli.folder import LabelledFile
+from unbend.cli.folders.computing import Machine
+from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
 from unbend.errors import MeshReadError
+from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
     from unbend.results.shapes import IfKnown
@@ -27,6 +29,13 @@ class ImportOptions:
     """Whether to compute the local signatures too."""
     machine: Machine
 
+    def check(self) -> None:
+        """Raise ParameterError if the options are invalid; otherwise every file would fail."""
+        from unbend.signature.parameters import Parameters  # noqa: PLC0415
+
+        Parameters.from_dict(self.parameters)
+        MeshPolicy.from_dict(self.policy)
+
     def parameters_of(self, file: LabelledFile) -> Values:
         """Return the parameters of a file."""
         return file.parameters | self.parameters
@@ -34,6 +43,14 @@ class ImportOptions:
     def policy_of(self, file: LabelledFile) -> Values:
         """Return the reading policy of a file."""
         return file.policy | self.policy
+
+    def if_known_of(self, first: Path | None) -> IfKnown:
+        """Return what a known shape takes from a file; `first` is an earlier file of the same content.
+
+        A later one changes nothing. Otherwise files of the same content and different classes would change the shape in
+        each import.
+        """
+        return "keep" if first else self.if_known
 
     def content_of(self, file: LabelledFile) -> tuple[str, bytes]:
         """Return the SHA-256 of a file, and a key that is equal for files that are one shape.

@@ -11,17 +11,15 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Final, Literal, Self, get_args
+from typing import IO, Any, Literal, Self, get_args
 
 import click
 
-from unbend.cli.folder import LabelledFile, LeftOut, MeshFolder, MeshPaths, relative_name
+from unbend.cli.folders.files import LabelledFile, LeftOut, MeshFolder, MeshPaths, relative_name
+from unbend.cli.group import EXIT_INTERRUPTED
 from unbend.cli.terminal import confirm, print_error, progress, warn, warn_of
 from unbend.errors import ParameterError
 from unbend.names import printable
-
-EXIT_SOME_FAILED: Final = 3
-EXIT_INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
 
 Outcome = Literal["new", "changed", "unchanged", "merged", "failed", "left out"]
 """The end of a file.

@@ -31,7 +31,7 @@ Run = Callable[..., "Outputs"]
 
 
 class Outputs:
-    """What the cells of an executed notebook show."""
+    """The outputs of the cells of an executed notebook."""
 
     def __init__(self, notebook: nbformat.NotebookNode) -> None:
         self.all = [output for cell in notebook.cells for output in cell.get("outputs", [])]
@@ -59,7 +59,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A function that executes a notebook in a new folder, with Jupyter's own command, and a home without settings."""
     # Without them, matplotlib reads no style of the user's, IPython no profile, and Jupyter no other kernels.
     environment = {name: value for name, value in without_settings().items() if not is_the_users(name)}
-    environment["HOME"] = str(tmp_path_factory.mktemp("home"))
+    environment |= {name: str(tmp_path_factory.mktemp(name.lower())) for name in ("HOME", "TMPDIR")}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "service"), os.environ.get("PYTHONPATH")]))
     done: dict[tuple[str, str], Outputs] = {}
 

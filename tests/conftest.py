@@ -31,6 +31,7 @@ SLOWEST = (
     "test_page.py",
     "test_commands.py",
     "test_blocks.py",
+    "test_notebooks.py",
     "test_hostile_clients.py",
     "test_contract.py",
     "test_ends.py",

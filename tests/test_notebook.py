@@ -17,7 +17,7 @@ from tests.support.server import ply, two_rings
 from unbend import Library, Parameters, canonical_form, compute_signature, read_mesh
 from unbend.errors import ParameterError
 from unbend.mesh.shapes import cylinder, sheet, sphere, torus
-from unbend.notebook.html import MOST_MARKS, MOST_ROWS, figure_html, map_html, ranking_html
+from unbend.notebook.html import MOST_MARKS, MOST_ROWS, figure_html, gallery_html, map_html, ranking_html
 from unbend.render.notebook import html_of, thumbnail
 from unbend.results import PartRelation
 
@@ -61,7 +61,11 @@ def picture_in(tree: ET.Element) -> np.ndarray:
     (image,) = tree.iter("img")
     kind, data = image.get("src", "").split(";base64,")
     assert kind == "data:image/webp"
-    return np.array(Image.open(io.BytesIO(b64decode(data))).convert("RGBA"))
+    return pixels_of(b64decode(data))
+
+
+def pixels_of(file: bytes) -> np.ndarray:
+    return np.array(Image.open(io.BytesIO(file)).convert("RGBA"))
 
 
 def test_a_surface_is_shown_by_its_picture_and_its_repr():
@@ -114,6 +118,7 @@ def test_names_and_labels_are_text(library, ranking):
         ranking_html(ranking),
         map_html(library.map(parameters=Parameters(**FEW))),
         figure_html(None, EVIL, [EVIL]),
+        gallery_html({EVIL: thumbnail(SHAPES[2][1])}),
     ):
         assert "<script" not in html
         assert EVIL in "".join(parsed(html).itertext())
@@ -123,6 +128,14 @@ def test_notebooks_show_rankings_and_maps(library, ranking):
     assert ranking._repr_html_() == ranking_html(ranking)
     shape_map = library.map(parameters=Parameters(**FEW))
     assert shape_map._repr_html_() == map_html(shape_map)
+
+
+def test_a_gallery_has_each_picture_above_its_caption():
+    drawn = {"ball": thumbnail(sphere(1)), "ring": thumbnail(torus())}
+    figures = [*parsed(gallery_html(drawn)).iter("figure")]
+    assert [texts(figure, "figcaption") for figure in figures] == [["ball"], ["ring"]]
+    for figure, file in zip(figures, drawn.values(), strict=True):
+        assert np.array_equal(picture_in(figure), pixels_of(file))
 
 
 def test_a_ranking_is_two_tables(ranking):

@@ -1,4 +1,4 @@
-"""Figures, rankings and maps as HTML.
+"""Figures, galleries, rankings and maps as HTML.
 
 Rankings and maps are above this package, and show themselves by its functions. So it knows only their attributes.
 """
@@ -37,6 +37,12 @@ def figure_html(picture: bytes | None, caption: str, warnings: Sequence[str] = (
     """Return a picture, a PNG or WebP file, with its caption and warnings; without a picture only these."""
     source = None if picture is None else data_url(picture)
     return _TEMPLATES.get_template("figure.html.jinja").render(source=source, caption=caption, warnings=warnings)
+
+
+def gallery_html(pictures: Mapping[str, bytes]) -> str:
+    """Return PNG or WebP files beside each other, each above its caption."""
+    sources = {caption: data_url(file) for caption, file in pictures.items()}
+    return _TEMPLATES.get_template("gallery.html.jinja").render(sources=sources)
 
 
 def ranking_html(ranking: Any, pictures: Mapping[str, bytes] | None = None, *, most: int = MOST_ROWS) -> str:

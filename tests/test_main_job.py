@@ -30,10 +30,9 @@ def test_480_real_meshes_imported_over_http_are_classified_by_their_signatures(l
         answer = json.loads(run("query", str(listed[0][0]), "--url", server.url, "--json").stdout)
         assert answer["classes"][0]["label"] == listed[0][1]["class"]
         with Client(server.url) as client:
-            assert client.classes() == dict.fromkeys(sorted({row["class"] for _, row in listed}), 16)
-            stored = next(client.shapes(label="alien"))
-            alike = client.query_shape(stored["id"], k=5)
-            assert [match["label"] for match in alike["shapes"]] == ["alien"] * 5
+            assert client.labels() == dict.fromkeys(sorted({row["class"] for _, row in listed}), 16)
+            stored = next(client.iter_shapes(label="alien"))
+            assert [match.label for match in client.nearest(stored.id, k=5)] == ["alien"] * 5
     with Library(str(server.library)) as library:
         figures = {name: library.evaluate(name) for name in ("moments", "surface_moments", "spectrum")}
     # The paper's Fig. 8 in numbers: moments of signatures, and the same moments of the original surfaces.
@@ -51,4 +50,4 @@ def test_every_damaged_real_mesh_becomes_a_shape(labelled, dataset, tmp_path):
     with Server(tmp_path / "server") as server, Client(server.url) as client:
         jobs = [client.submit(path, parameters={"samples": 60}) for path, _ in labelled(dataset)]
         ended = [job.wait(300) for job in jobs]
-    assert all(job["state"] == "succeeded" for job in ended), [job["error"] for job in ended]
+    assert all(job.state == "succeeded" for job in ended), [job.error for job in ended]

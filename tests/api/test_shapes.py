@@ -25,7 +25,7 @@ MEDIA_TYPES = {
 }
 RECORD = {
     "id", "name", "label", "metadata", "sha256", "size", "parameters", "policy", "version", "area", "stress",
-    "dimension", "report", "warnings", "created_at", "updated_at",
+    "dimension", "report", "warnings", "created_at", "updated_at", "revision", "seq",
 }  # fmt: skip
 JOB = {
     "id", "kind", "state", "stage", "progress", "position", "attempts", "detail", "error", "shape_id", "result",
@@ -145,7 +145,9 @@ def test_name_label_and_metadata_can_be_changed(http):
     url = f"/v1/shapes/{shape['id']}"
     changed = http.patch(url, json={"label": None, "metadata": {"d": 2}})
     assert changed.status_code == 200
-    edited = {"label": None, "metadata": {"d": 2}, "updated_at": changed.json()["updated_at"]}
+    stamps = {name: changed.json()[name] for name in ("updated_at", "revision")}
+    edited = {"label": None, "metadata": {"d": 2}, **stamps}
+    assert stamps["revision"] > shape["revision"]
     assert changed.json() == shape | edited
     assert http.get(url).json() == changed.json()
     assert http.patch(url, json={}).json() == changed.json()

@@ -42,7 +42,7 @@ def lose_the_log(path):
 def test_a_library_whose_file_was_removed_or_replaced_refuses_all_calls(library, tmp_path, harm):
     add(library, b"one", "one")
     harm(tmp_path / "library.db")
-    for call in (partial(add, library, b"two", "two"), library.page, partial(library.change, "x", {"name": "n"})):
+    for call in (partial(add, library, b"two", "two"), library.page, partial(library.change, "x", name="n")):
         with pytest.raises(StoreLostError, match=r"library\.db"):
             call()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.support.server import DAMAGED, Server, small_mesh, stored
 from tests.web.conftest import OpenPage, Watched, shape_id
@@ -415,6 +415,36 @@ def test_keys_are_asked_for_and_their_limits_said(tmp_path: Path, open_page: Ope
         page.reload()  # the session keeps the key
         expect(page.locator("li.card img[src]")).to_have_count(1)
         assert page.evaluate("() => JSON.stringify(localStorage)").find(secret) < 0
+        page.close()
+
+
+def test_a_late_refusal_of_a_request_without_a_key_leaves_the_new_key(
+    tmp_path: Path, open_page: OpenPage, watched: Watched
+) -> None:
+    watched.expected = ("401",)
+    folder = tmp_path / "late"
+    folder.mkdir()
+    with Library(str(folder / "library.db")) as library:
+        library.add(small_mesh(2), name="ring")
+        _, secret = library.keys.create("reader", "read")
+    with Server(folder) as server:
+        page = open_page("about:blank")
+        held: list[Route] = []
+        page.route("**/v1/classes", lambda route: held.append(route))  # noqa: PLW0108  Playwright marks it
+        page.goto(server.url)
+        expect(page.get_by_role("dialog")).to_contain_text("API key")
+        page.get_by_label("Key", exact=True).fill(secret)
+        with page.expect_request("**/v1/classes"):
+            page.get_by_role("button", name="Use").click()
+        early, late = held
+        with page.expect_response("**/v1/classes"):
+            early.continue_()
+        late.continue_()
+        page.unroute("**/v1/classes")
+        expect(page.locator("li.card img[src]")).to_have_count(1)
+        expect(page.get_by_role("dialog")).to_have_count(0)
+        page.reload()
+        expect(page.locator("li.card img[src]")).to_have_count(1)
         page.close()
 
 

@@ -76,6 +76,8 @@ export async function send(path: string, init: RequestInit = {}, query: Query = 
       continue;
     }
     if (response.status === 504 && attempt < MOST_LATE && (init.method ?? "GET") === "GET") continue;
+    // An answer that comes late, to a request without the newest key, says nothing about that key.
+    if (response.status === 401 && key() === secret) server.dispatchEvent(new Event("key"));
     throw await problem(response);
   }
 }
@@ -88,7 +90,6 @@ async function problem(response: Response): Promise<ApiError> {
   } catch {
     // A proxy may answer in its own words.
   }
-  if (response.status === 401) server.dispatchEvent(new Event("key"));
   const fields = (body.errors ?? []).map((each) => `${each.field}: ${each.message}`);
   const message = fields.length ? fields.join("; ") : (body.detail ?? `The server answered ${response.status}.`);
   return new ApiError(response.status, body.code ?? "unknown", message, body.advice ?? "");

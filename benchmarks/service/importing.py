@@ -27,7 +27,7 @@ import numpy as np
 
 from benchmarks.common import ROOT, table, write_section
 from tests.support.footprint import Footprint, footprint
-from tests.support.server import children, without_settings
+from tests.support.server import without_settings, workers_of
 from unbend import Library
 from unbend.mesh.shapes import torus
 from unbend.mesh.write import write_mesh
@@ -85,7 +85,7 @@ def run_import(folder: Path, library: Path, count: int, *, stop: tuple[signal.Si
         rows = _count_rows(report)
         while process.poll() is None:
             share = next(rows) / count
-            workers = children(process.pid)
+            workers = workers_of(process.pid)
             run.samples += _sample(share, process.pid, workers) if workers else []
             if stop and share >= stop[1]:
                 run.end_seconds = _stop(process, workers, stop[0])

@@ -7,7 +7,7 @@ import inspect
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
@@ -153,6 +153,29 @@ def on_compilation(tell: Callable[[], None], after: float = 1.0) -> Callable[[],
     listener = _CompilationListener(tell, after)
     register("numba:compile", listener)
     return lambda: unregister("numba:compile", listener)
+
+
+class NotCompiledError(RuntimeError):
+    """Within `without_compiling`: the machine code of a kernel is not on disk."""
+
+
+class _Refusal(Listener):
+    def on_start(self, _event: Any) -> None:
+        raise NotCompiledError
+
+    def on_end(self, _event: Any) -> None:
+        """Do nothing: nothing was compiled."""
+
+
+@contextlib.contextmanager
+def without_compiling() -> Iterator[None]:
+    """Within this context, a kernel that must be compiled raises NotCompiledError; one that is on disk is loaded."""
+    refusal = _Refusal()
+    register("numba:compile", refusal)
+    try:
+        yield
+    finally:
+        unregister("numba:compile", refusal)
 
 
 def is_compiled(compiled: Callable[..., Any]) -> bool:

@@ -27,7 +27,7 @@ from tests.support.server import (
 )
 from unbend import Library, MeshPolicy, Parameters
 from unbend.api.routes.events import event_id, events
-from unbend.jobs import JobRunner
+from unbend.jobs.runner import JobRunner
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.progress import STAGES
 

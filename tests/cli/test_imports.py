@@ -21,7 +21,6 @@ import pytest
 from tests.support.commands import failed_with_a_sentence, in_process, succeeded
 from tests.support.server import (
     DAMAGED,
-    children,
     cpu_seconds,
     endless_mesh,
     is_running,
@@ -29,6 +28,7 @@ from tests.support.server import (
     small_mesh,
     two_rings,
     without_settings,
+    workers_of,
 )
 from unbend import Library, Parameters, compute_signature
 from unbend.cli.folders.computing import Machine
@@ -301,7 +301,7 @@ def test_an_interrupted_import_continues_without_computing_twice(many, tmp_path,
     library = tmp_path / "a.db"
     command = Command(many, library, *QUICK, "--workers", 3)
     command.until(lambda: command.ended_rows() >= 5, "stored shapes")
-    workers = children(command.process.pid)
+    workers = workers_of(command.process.pid)
     assert len(workers) == 3
     # A terminal sends SIGINT to the whole group.
     (os.killpg if number == signal.SIGINT else os.kill)(command.process.pid, number)
@@ -337,7 +337,7 @@ def test_a_file_that_kills_its_worker_costs_only_itself(tmp_path):
 
     def computing() -> int | None:
         """Return the worker, once it has used much more time than it needs to start."""
-        return next((pid for pid in children(command.process.pid) if cpu_seconds(pid) > 5), None)
+        return next((pid for pid in workers_of(command.process.pid) if cpu_seconds(pid) > 5), None)
 
     os.kill(command.until(computing, "worker"), signal.SIGKILL)
     # The other meshes have too few vertices for so many samples only if they are read, in another process.

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 
 import pytest
 
-from tests.support.server import DAMAGED, ENDLESS, SAMPLES, children, endless_mesh, ply
+from tests.support.server import DAMAGED, ENDLESS, SAMPLES, endless_mesh, ply, workers_of
 from unbend import Parameters, compute_signature, read_mesh
 from unbend.errors import UnbendError, WorkerLostError
 from unbend.jobs.batch import Batch, compute_path, compute_paths
@@ -72,8 +72,8 @@ def test_the_end_of_a_batch_kills_processes_that_compute(tmp_path):
     begun = time.monotonic()
     with Batch(1) as batch:
         future = batch.submit(compute_path, path, Parameters(**ENDLESS), None)
-        while not children(os.getpid()):
+        while not workers_of(os.getpid()):
             time.sleep(0.02)
     assert isinstance(future.exception(), WorkerLostError)
-    assert children(os.getpid()) == []
+    assert workers_of(os.getpid()) == []
     assert time.monotonic() - begun < 60

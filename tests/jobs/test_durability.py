@@ -13,8 +13,9 @@ from sqlalchemy import Connection
 from tests.support.server import small_mesh
 from unbend import Library, Parameters
 from unbend.errors import StoreFullError
-from unbend.jobs import JobLimits, JobRunner
+from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import NoObserver
+from unbend.jobs.runner import JobRunner
 from unbend.library import job_rows
 from unbend.library.records import JobRecord
 from unbend.library.requests import ShapeRequest, Upload

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.server import children, is_running
+from tests.support.server import is_running, workers_of
 from unbend.errors import ParameterError, WorkerLostError
 from unbend.jobs.limits import limit_process
 from unbend.jobs.process import WorkerProcess, send_message
@@ -153,10 +153,10 @@ def test_a_worker_ignores_termination_signals(worker, tmp_path, number):
 
 def starting(worker: WorkerProcess, threads: ThreadPoolExecutor) -> tuple[Future[int], int]:
     """Start a first call; return its future, and the id of the process that starts for it."""
-    before = set(children(os.getpid()))
+    before = set(workers_of(os.getpid()))
     running = threads.submit(worker.run, os.getpid, ())
     end = time.monotonic() + PATIENCE
-    while not (found := set(children(os.getpid())) - before):
+    while not (found := set(workers_of(os.getpid())) - before):
         assert time.monotonic() < end
     return running, found.pop()
 

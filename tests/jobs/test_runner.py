@@ -14,11 +14,12 @@ from typing import Any
 
 import pytest
 
-from tests.support.server import DAMAGED, children, endless_mesh, is_running, medium_mesh, ply, small_mesh, two_rings
+from tests.support.server import DAMAGED, endless_mesh, is_running, medium_mesh, ply, small_mesh, two_rings, workers_of
 from unbend import Library, MeshPolicy, Parameters, compute_signature, read_mesh
 from unbend.errors import JobTimeoutError, NotFoundError, ParameterError, QueueFullError
-from unbend.jobs import JobLimits, JobRunner
+from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import NoObserver
+from unbend.jobs.runner import JobRunner
 from unbend.jobs.worker import StoredMesh, convert, geodesics_from
 from unbend.library.job_rows import JobFilter
 from unbend.library.records import JobRecord
@@ -86,7 +87,7 @@ def rows(library: Library, table: str) -> int:
 
 def workers(besides: list[int] | tuple[int, ...] = ()) -> list[int]:
     """Return the worker processes of this process, except those in `besides`."""
-    return [pid for pid in children(os.getpid()) if pid not in besides]
+    return [pid for pid in workers_of(os.getpid()) if pid not in besides]
 
 
 @pytest.fixture

@@ -17,7 +17,8 @@ import pytest
 
 from tests.support.server import without_settings
 from unbend import Library, MeshPolicy
-from unbend.jobs import JobLimits, JobRunner
+from unbend.jobs.limits import JobLimits
+from unbend.jobs.runner import JobRunner
 from unbend.jobs.worker import StoredMesh, compute_query
 from unbend.library import job_rows
 from unbend.library.packing import unpack_signature

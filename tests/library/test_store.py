@@ -20,7 +20,7 @@ from tests.support.server import small_mesh
 from unbend import Library, MeshPolicy, Parameters, Signature, compute_signature, read_mesh
 from unbend import library as package
 from unbend.errors import ParameterError, StoreError, StoreVersionError
-from unbend.jobs import JobRunner
+from unbend.jobs.runner import JobRunner
 from unbend.library.packing import pack_signature, pack_vector
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.library.storage.schema import metadata

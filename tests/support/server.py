@@ -67,8 +67,13 @@ def endless_mesh() -> bytes:
 ENDLESS = {"samples": 2000}
 
 
-def children(pid: int, containing: str = "spawn_main") -> list[int]:
-    """Return the child processes of `pid` whose command line contains a word; by default the workers."""
+def workers_of(pid: int) -> list[int]:
+    """Return the worker processes of `pid`: children of its fork server."""
+    return [worker for fork_server in children(pid, "forkserver") for worker in children(fork_server, "forkserver")]
+
+
+def children(pid: int, containing: str) -> list[int]:
+    """Return the child processes of `pid` whose command line contains a word."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -161,7 +166,7 @@ class Server:
         return httpx.Client(base_url=self.url, timeout=90.0, limits=httpx.Limits(max_keepalive_connections=0))
 
     def workers(self) -> list[int]:
-        return children(self.process.pid)
+        return workers_of(self.process.pid)
 
     def stop(self) -> None:
         """Stop the server; kill it and its workers if it does not end."""

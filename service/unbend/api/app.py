@@ -32,8 +32,8 @@ from unbend.api.server.service import Service
 from unbend.api.server.settings import Settings
 from unbend.api.server.wait_limit import WaitLimit
 from unbend.api.server.webhooks import Webhooks
-from unbend.jobs import JobRunner
 from unbend.jobs.observer import Observers
+from unbend.jobs.runner import JobRunner
 from unbend.library import Library
 from unbend.library.storage.lease import Lease
 

@@ -52,6 +52,9 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     Settings are environment variables with the prefix UNBEND_, or keys of a file. Options override the environment,
     which overrides the file.
     """
+    from unbend.jobs.process import start_fork_server  # noqa: PLC0415
+
+    start_fork_server()  # first, so that it loads the kernels while this process imports the web framework
     import uvicorn  # noqa: PLC0415
 
     from unbend.api import create_app  # noqa: PLC0415

@@ -2,6 +2,9 @@
 
 Workers share no pipe and no lock. In pools that share them, a process that is killed while it has a lock, or in the
 middle of a message, blocks all other workers for ever (docs/decisions.md).
+
+A fork server imports the modules of workers and loads their kernels once (`unbend.jobs.preload`), and each worker is a
+fork of it. So a worker starts in milliseconds, and all workers share this memory.
 """
 
 from __future__ import annotations
@@ -17,8 +20,10 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerProcess, SpawnProcess
+from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, Final, TypeVar
 
@@ -28,7 +33,8 @@ T = TypeVar("T")
 
 Listener = Callable[[Any], None]
 
-_CONTEXT: Final = multiprocessing.get_context("spawn")  # the server has threads, so it must not be forked
+_HAS_FORK_SERVER: Final = "forkserver" in multiprocessing.get_all_start_methods()
+_PRELOAD: Final = "unbend.jobs.preload"
 _START_LOCK: Final = threading.Lock()
 """Held while a process starts, because multiprocessing's tables of child processes are not thread-safe."""
 
@@ -71,13 +77,19 @@ class _Message:
 class _Child:
     """A process, and the parent's end of its pipe."""
 
-    process: SpawnProcess
+    process: BaseProcess
     pipe: Connection
+
+    def kill(self) -> None:
+        """Kill the process if it still runs."""
+        # The fork server has released the id of a process that ended, so another process may have it now.
+        if self.process.is_alive():
+            self.process.kill()
 
     def discard(self) -> None:
         """Kill the process if it still runs, and release its resources."""
         self.pipe.close()
-        self.process.kill()
+        self.kill()
         self.process.join(_END_SECONDS)
 
 
@@ -157,21 +169,24 @@ class WorkerProcess:
         with self._guard:
             self._killed = True
             if self._child and self._is_ready:
-                self._child.process.kill()
+                self._child.kill()
 
     def end(self) -> None:
         """Kill the process, and start no other."""
         with self._guard:
             self._killed = self._ended = True
             if self._child:
-                self._child.process.kill()
+                self._child.kill()
         if self._child:
             self._child.process.join(_END_SECONDS)
 
     def _start_function(self, function: Callable[..., T], arguments: tuple[object, ...]) -> _Child:
         """Return a process that has accepted the function."""
         for _ in range(_ATTEMPTS):  # replacing a process that died or hung while idle is not an attempt at the job
-            child = self._child if self._child and self._child.process.is_alive() else self._start_process()
+            try:
+                child = self._child if self._child and self._child.process.is_alive() else self._start_process()
+            except (EOFError, OSError):
+                continue  # the fork server died: the next attempt starts another
             try:
                 self._await_ready(child)
                 if not self._killed:
@@ -191,22 +206,19 @@ class WorkerProcess:
 
     def _send_function(self, child: _Child, function: Callable[..., T], arguments: tuple[object, ...]) -> None:
         """Send a function, and wait until the process accepts it: from then on, its death is a failed attempt."""
-        alarm = threading.Timer(self._answer_seconds, child.process.kill)
-        alarm.daemon = True
-        alarm.start()
-        try:
+        with _alarm(self._answer_seconds, child.kill):
             child.pipe.send((function, arguments))
             child.pipe.recv()
-        finally:
-            alarm.cancel()
 
     def _start_process(self) -> _Child:
-        ours, theirs = _CONTEXT.Pipe()
+        ours, theirs = multiprocessing.Pipe()
         with _START_LOCK, self._guard:
             if self._ended:
                 raise WorkerLostError("the pool was stopped")
-            process = _CONTEXT.Process(target=_serve, args=(theirs, self._initialise), daemon=True)
-            with _signals_blocked():
+            # This process has threads, so it must not be forked itself.
+            kind = ForkServerProcess if start_fork_server() else SpawnProcess
+            process = kind(target=_serve, args=(theirs, self._initialise), daemon=True)
+            with _signals_blocked(), _alarm(self._silent_seconds, _kill_fork_server):
                 process.start()
             self._child, self._is_ready = _Child(process, ours), False
         theirs.close()  # the pipe then closes when the process ends
@@ -215,7 +227,44 @@ class WorkerProcess:
     def _replace(self, child: _Child) -> None:
         child.discard()
         if not self._ended:
-            self._start_process()  # at once, so that it is ready before the next job
+            with contextlib.suppress(EOFError, OSError):  # the next `run` tries again
+                self._start_process()  # at once, so that it is ready before the next job
+
+
+def start_fork_server() -> bool:
+    """Start the fork server of this process's workers, unless it runs; return False if the system has none.
+
+    The first worker does so too. A program that calls this first imports its own modules while the fork server loads.
+    """
+    if not _HAS_FORK_SERVER:
+        return False
+    multiprocessing.set_forkserver_preload([_PRELOAD])
+    try:
+        with _signals_blocked():  # for its whole life: it ends with this process
+            forkserver.ensure_running()
+    except OSError:  # the folder of temporary files has a name too long for a socket, or cannot be written
+        return False
+    return True
+
+
+def _kill_fork_server() -> None:
+    """Kill the fork server if it does not answer; the next worker starts another."""
+    pid = getattr(forkserver._forkserver, "_forkserver_pid", None)  # noqa: SLF001  there is no public name
+    if pid is not None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@contextmanager
+def _alarm(seconds: float, act: Callable[[], None]) -> Iterator[None]:
+    """Call `act`, in a thread, if the block takes longer than `seconds`."""
+    timer = threading.Timer(seconds, act)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 _ALL: Final[weakref.WeakSet[WorkerProcess]] = weakref.WeakSet()
@@ -275,6 +324,7 @@ class _Watch:
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
+        self._starter = os.getppid()
         self._lock = threading.Lock()
         self._is_ready = threading.Event()
         threading.Thread(target=self._run, daemon=True).start()
@@ -290,9 +340,12 @@ class _Watch:
                 if not self._is_ready.is_set():
                     self._pipe.send(_Starting())
         parent = multiprocessing.parent_process()
-        if parent is not None:
-            parent.join()
-            os._exit(1)
+        if parent is None:
+            return
+        # Without the fork server, the parent no longer sees whether this process runs.
+        while parent.is_alive() and os.getppid() == self._starter:
+            parent.join(_HEARTBEAT_SECONDS)
+        os._exit(1)
 
 
 def _outcome(function: Callable[..., Any], arguments: tuple[object, ...]) -> _Done | _Raised:

@@ -268,7 +268,7 @@ def warm_up() -> None:
     first, second = (compute_signature(surface, threads=1) for surface in surfaces)
     for measure in MEASURES:
         compare(first, second, measure)
-    parts = [local_signatures(surface, threads=1) for surface in surfaces]
+    parts = [local_signatures(surface, centres=8, threads=1) for surface in surfaces]
     search_parts(parts[0], [profiles_of(parts[1])], lambda _rows: parts[1:])
     surface, form, _ = simplified_form(surfaces[0], first, MOST_FACES)
     render_picture(PictureRequest(width=32, height=32, subject="both", distances_from=0), surface, form, threads=1)

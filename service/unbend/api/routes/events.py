@@ -10,7 +10,7 @@ from typing import Final
 from fastapi.responses import StreamingResponse
 
 from unbend.api.schema.models import Job, JobSummary
-from unbend.jobs import JobRunner
+from unbend.jobs.runner import JobRunner
 from unbend.library.records import JobRecord
 from unbend.progress import STAGES
 

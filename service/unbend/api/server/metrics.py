@@ -12,8 +12,8 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info
 
 from unbend import __version__
 from unbend.errors import StoreError
-from unbend.jobs import JobRunner
 from unbend.jobs.observer import NoObserver
+from unbend.jobs.runner import JobRunner
 from unbend.library import Library
 from unbend.library.records import JobRecord
 

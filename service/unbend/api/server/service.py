@@ -12,7 +12,7 @@ from unbend.api.server.byte_cache import ByteCache
 from unbend.api.server.metrics import Metrics
 from unbend.api.server.settings import Settings
 from unbend.api.server.wait_limit import WaitLimit
-from unbend.jobs import JobRunner
+from unbend.jobs.runner import JobRunner
 from unbend.library import Library
 
 _PICTURE_BYTES: Final = 2**26

@@ -17,7 +17,7 @@ from unbend.api.server.connections import ConnectionLimits
 from unbend.api.server.logs import LogFormat
 from unbend.api.server.scheduled_backups import BackupPlan
 from unbend.api.server.webhooks import WebhookPlan, signing_key
-from unbend.jobs import JobLimits
+from unbend.jobs.limits import JobLimits
 from unbend.mesh.limits import MeshLimits
 from unbend.names import DEFAULT_LIBRARY
 from unbend.threads import available_cores

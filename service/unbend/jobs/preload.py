@@ -1,0 +1,18 @@
+"""What the fork server of workers loads once for all of them: their modules, and the kernels that are on disk."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+
+# Before NumPy is imported: each worker has one core, and a process must not be forked while it has threads.
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+from unbend.jit import without_compiling  # noqa: E402
+from unbend.jobs import batch, worker  # noqa: E402, F401  all that workers run
+
+with contextlib.suppress(Exception), without_compiling():  # each worker repeats this, and reports what fails
+    worker.warm_up()
+gc.freeze()  # a garbage collection would write to these objects, and so copy their memory for each worker

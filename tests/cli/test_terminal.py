@@ -26,7 +26,7 @@ from unbend.embedding.embed import Criterion, Method
 from unbend.embedding.weighting import Weighting
 from unbend.errors import ParameterError
 from unbend.geodesics.distances import Update
-from unbend.jit import is_compiled, kernel, on_compilation
+from unbend.jit import NotCompiledError, is_compiled, kernel, on_compilation, without_compiling
 from unbend.library.keys import Scope
 from unbend.matching import partial
 from unbend.matching.classification import CLASSIFIERS, DEFAULT_CLASSIFIER
@@ -300,6 +300,17 @@ def test_a_kernel_on_disk_is_compiled_and_another_is_not(tmp_path, monkeypatch):
     assert not is_compiled(double)
     assert double(2.0) == 4.0
     assert is_compiled(double)
+
+
+def test_nothing_is_compiled_where_that_is_not_allowed(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    double, again = kernel(_double), kernel(_double)
+    with without_compiling(), pytest.raises(NotCompiledError):
+        double(2.0)
+    assert not is_compiled(double)
+    assert double(2.0) == 4.0
+    with without_compiling():
+        assert again(2.0) == 4.0  # from the disk
 
 
 def _double(x):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.server import is_running, workers_of
+from tests.support.server import children, is_running, without_settings, workers_of
 from unbend.errors import ParameterError, WorkerLostError
 from unbend.jobs.limits import limit_process
 from unbend.jobs.process import WorkerProcess, send_message
@@ -85,6 +87,67 @@ def test_a_worker_that_dies_raises_an_error_and_is_replaced(worker, number):
         worker.run(signal.raise_signal, (number,))
     assert not is_running(pid)
     assert worker.run(os.getpid, ()) != pid
+
+
+def printed_by(code: str, folder: Path, **settings: str) -> str:
+    """Return what a program prints; it may start workers, because it is a file that they can import."""
+    script = folder / "script.py"
+    script.write_text(code)
+    done = subprocess.run(
+        [sys.executable, script], env=without_settings(**settings), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_workers_start_with_the_kernels_that_are_on_disk(tmp_path):
+    code = """
+from unbend.embedding.stress import raw_stress
+from unbend.jobs.process import WorkerProcess
+from unbend.jobs.worker import warm_up
+
+def loaded():
+    return len(raw_stress.signatures)
+
+if __name__ == "__main__":
+    warm_up()
+    worker = WorkerProcess(dict)
+    print(loaded(), worker.run(loaded, ()))
+    worker.end()
+"""
+    here, there = map(int, printed_by(code, tmp_path).split())
+    assert here == there > 0
+
+
+def test_workers_outlive_no_fork_server(worker):
+    first = worker.run(os.getpid, ())
+    (fork_server,) = children(os.getpid(), "forkserver")
+    with ThreadPoolExecutor(1) as threads:
+        began = threading.Event()
+        running = threads.submit(worker.run, time.sleep, (PATIENCE,), None, began.set)
+        assert began.wait(PATIENCE)
+        os.kill(fork_server, signal.SIGKILL)
+        with pytest.raises(WorkerLostError):
+            running.result(PATIENCE)
+    end = time.monotonic() + PATIENCE
+    while is_running(first):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    assert worker.run(os.getpid, ()) != first
+    assert children(os.getpid(), "forkserver") != [fork_server]
+
+
+def test_a_folder_of_temporary_files_that_fits_no_socket_is_no_hindrance(tmp_path):
+    folder = tmp_path / ("n" * 120)
+    folder.mkdir()
+    code = """
+import os
+from unbend.jobs.process import WorkerProcess
+
+if __name__ == "__main__":
+    print(WorkerProcess(dict).run(os.getpid, ()))
+"""
+    assert printed_by(code, tmp_path, TMPDIR=str(folder)).strip().isdigit()
 
 
 def test_an_idle_worker_that_dies_is_replaced_without_an_error(worker):

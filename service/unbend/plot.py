@@ -132,6 +132,7 @@ def map(shape_map: ShapeMap) -> Figure:  # noqa: A001  so that it reads `plot.ma
             axes.plot(*points[:, :2].T, **_look(labels, label), linestyle="", markersize=5)
         axes.set_title(title, parse_math=False)
         axes.set_aspect("equal", adjustable="datalim")
+        axes.locator_params(nbins=5)  # more labels would overlap in the narrow axes
     handles = [Line2D([], [], **_look(labels, label), linestyle="") for label in labels]
     _add_legend(figure, handles, labels)
     return figure

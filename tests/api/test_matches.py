@@ -49,6 +49,15 @@ def test_a_match_is_a_job_that_makes_a_file(http, ids):
         assert arrays["residual"] == found.residual
 
 
+def test_a_repeated_match_is_the_same_job(http, ids):
+    wanted, name = {"a": ids[0], "b": ids[1], "samples": 60}, {"Idempotency-Key": "match-once"}
+    first = http.post("/v1/matches", json=wanted, headers=name).json()
+    assert http.post("/v1/matches", json=wanted, headers=name).json()["id"] == first["id"]
+    assert http.post("/v1/matches", json=wanted).json()["id"] != first["id"]
+    other = http.post("/v1/matches", json=wanted | {"samples": 50}, headers=name)
+    assert (other.status_code, other.json()["code"]) == (409, "idempotency_mismatch")
+
+
 def test_a_match_may_be_a_coloured_mesh(http, ids):
     job = ended(http, http.post("/v1/matches", json={"a": ids[0], "b": ids[1], "samples": 60, "format": "ply"}))
     surface = read_mesh(http.get(f"/v1/jobs/{job['id']}/file").content)

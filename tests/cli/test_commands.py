@@ -190,7 +190,7 @@ def test_an_import_can_use_folders_as_labels_and_names_files_that_fail(folder, t
     (tmp_path / "in/rings/broken.off").write_bytes(DAMAGED)
     (tmp_path / "in/rings/folder.off").mkdir()  # a folder with the name of a mesh
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--library", tmp_path / "library.db")
-    assert done.returncode == 3, done.stderr
+    assert done.returncode == 4, done.stderr
     assert done.stdout == "5 of 6 shapes imported: 5 new\n"
     assert sum(": " in line for line in done.stderr.splitlines()) == 1
     assert str(tmp_path / "in/rings/broken.off") in done.stderr
@@ -221,7 +221,7 @@ def test_an_import_over_http_stores_valid_files_and_names_the_others(folder, tmp
     (tmp_path / "in/aaa.off").write_bytes(DAMAGED)
     (tmp_path / "in/bbb.ply").write_bytes(endless_mesh())  # too large for this server
     done = unbend("import", tmp_path / "in", "--label-from", "folder", "--url", small_server.url)
-    assert done.returncode == 3, done.stderr
+    assert done.returncode == 4, done.stderr
     assert done.stdout.startswith("5 of 7 shapes imported: ")
     assert sum(": " in line for line in done.stderr.splitlines()) == 2
     assert "aaa.off: " in done.stderr

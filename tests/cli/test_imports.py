@@ -342,7 +342,7 @@ def test_a_file_that_kills_its_worker_costs_only_itself(tmp_path):
     os.kill(command.until(computing, "worker"), signal.SIGKILL)
     # The other meshes have too few vertices for so many samples only if they are read, in another process.
     _, errors = command.process.communicate(timeout=PATIENCE)
-    assert command.process.returncode == 3
+    assert command.process.returncode == 4
     assert "a.ply: the process that ran the job died" in errors
     assert outcomes(command.report)["a.ply"] == "failed"
     assert Counter(outcomes(command.report).values()) == {"failed": 1, "new": 3}

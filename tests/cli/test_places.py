@@ -98,7 +98,7 @@ def test_a_class_is_set_and_removed(place):
 def test_shapes_are_removed_and_missing_ones_are_named(place):
     where, ids = place
     done = in_process("remove", ids[0], "0" * 32, ids[2], *where)
-    assert (done.returncode, done.stdout) == (3, "2 of 3 shapes removed\n")
+    assert (done.returncode, done.stdout) == (4, "2 of 3 shapes removed\n")
     assert done.stderr.count("\n") == 1
     assert "0" * 32 in done.stderr
     left = run_json("list", *where)["shapes"]

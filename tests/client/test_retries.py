@@ -12,7 +12,7 @@ import pytest
 from unbend import Client
 from unbend.client import Job
 from unbend.client.retries import Attempts
-from unbend.errors import QueueFullError, ServiceError
+from unbend.errors import NotFoundError, QueueFullError, ServiceError
 from unbend.results import JobStatus
 
 
@@ -66,14 +66,31 @@ def test_a_request_without_an_idempotency_key_is_sent_once():
 
 
 @pytest.mark.parametrize(
-    "send", [lambda client: client.submit(b"OFF"), lambda client: client.rank("0" * 32)], ids=["upload", "query"]
+    "send",
+    [
+        lambda client: client.submit(b"OFF"),
+        lambda client: client.rank("0" * 32),
+        lambda client: client.match("0" * 32, "1" * 32),
+    ],
+    ids=["upload", "query", "match"],
 )
-def test_an_upload_and_a_query_are_repeated_with_the_same_key(send):
+def test_what_makes_a_job_is_repeated_with_the_same_key(send):
     with closing(Breaking(9, CLASSES)) as server, Client(server.url) as client:
         with pytest.raises(ServiceError, match="could not be reached"):
             send(client)
         keys = {line for each in server.requests for line in each.splitlines() if line.startswith(b"Idempotency-Key")}
         assert (len(server.requests), len(keys)) == (5, 1)
+
+
+def test_a_shape_that_is_gone_after_a_lost_answer_was_removed():
+    body = b'{"code":"not_found","detail":"no such shape"}'
+    gone = b"HTTP/1.1 404 Not Found\r\nContent-Length: %d\r\nConnection: close\r\n\r\n" % len(body) + body
+    with closing(Breaking(1, gone)) as server, Client(server.url) as client:
+        client.remove("0" * 32)
+        assert len(server.requests) == 2
+    with closing(Breaking(0, gone)) as server, Client(server.url) as client:
+        with pytest.raises(NotFoundError, match="no such shape"):
+            client.remove("0" * 32)
 
 
 def job_response(state: str) -> bytes:

@@ -15,7 +15,7 @@ from unbend.errors import StoreInUseError, UnbendError
 
 EXIT_FAILED: Final = 1
 EXIT_IN_USE: Final = 3  # so that a supervisor can distinguish a second server from a failed one
-EXIT_SOME_FAILED: Final = 3  # the command did its work for the others
+EXIT_SOME_FAILED: Final = 4  # the command did its work for the others
 EXIT_UNEXPECTED: Final = 70  # EX_SOFTWARE of sysexits.h
 EXIT_INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
 

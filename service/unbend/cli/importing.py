@@ -73,7 +73,7 @@ def import_folder(
     them.
 
     The import uses all cores, and stores each shape once it is computed: after an interruption, the same command
-    continues. Standard error says what happened to the files, and --report to each of them. The exit status is 3 if
+    continues. Standard error says what happened to the files, and --report to each of them. The exit status is 4 if
     some failed.
     """
     if labels and label_from:

@@ -48,7 +48,7 @@ def signature(
     """Compute the signature of MESH, or of several meshes and folders of meshes.
 
     Several meshes are computed on all cores. The signature of DIR/a/cat.off is OUTPUT/a/cat.off.json. Standard error
-    says what happened to the files, and --report to each of them. The exit status is 3 if some failed.
+    says what happened to the files, and --report to each of them. The exit status is 4 if some failed.
     """
     if len(meshes) == 1 and meshes[0].is_file():
         if file_type or report:

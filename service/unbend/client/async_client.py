@@ -173,13 +173,18 @@ class AsyncClient:
 
     async def request(self, method: str, path: str, **options: Any) -> httpx.Response:
         """Send any request of the HTTP API, and repeat it as `Attempts` says."""
+        response, _ = await self._send(method, path, **options)
+        return protocol.checked(response)
+
+    async def _send(self, method: str, path: str, **options: Any) -> tuple[httpx.Response, Attempts]:
+        """Return the last response, and the attempts at the request."""
         attempts = Attempts.of(method, httpx.Headers(options.get("headers")), self._retry_seconds)
         while True:
             try:
                 response = await self._http.request(method, path, **options)
                 pause = attempts.pause_after(response)
                 if pause is None:
-                    return protocol.checked(response)
+                    return response, attempts
             except httpx.TransportError as error:
                 pause = attempts.pause_after_error(error)
                 if pause is None:
@@ -344,7 +349,10 @@ class AsyncClient:
 
     async def remove(self, shape_id: str) -> None:
         """Remove a shape, its signature, descriptors and file."""
-        await self.request("DELETE", protocol.shape_path(shape_id))
+        response, attempts = await self._send("DELETE", protocol.shape_path(shape_id))
+        # An earlier attempt, whose answer was lost, may have removed the shape.
+        if response.status_code != httpx.codes.NOT_FOUND or not attempts.may_have_arrived:
+            protocol.checked(response)
 
     async def mesh(self, shape_id: str) -> bytes:
         """Return the file that a shape was made from, byte for byte."""
@@ -457,7 +465,7 @@ class AsyncClient:
             After `timeout` seconds; there is no limit by default.
         """
         wanted = {"a": a, "b": b, "orientation": orientation, "part": part, "samples": samples, "format": "npz"}
-        response = await self.request("POST", "/v1/matches", json=wanted)
+        response = await self.request("POST", "/v1/matches", headers=protocol.once(), json=wanted)
         job = AsyncJob[bytes](self, JobStatus.from_dict(response.json()))
         return protocol.points(await job.result(timeout))
 

@@ -37,6 +37,8 @@ class Attempts:
     """Whether the request may arrive twice."""
     seconds: float = RETRY_SECONDS
     """Longest sum of pauses."""
+    may_have_arrived: bool = False
+    """Whether an earlier attempt may have done its work, although no answer of the service came back."""
     _failures: int = 0
     _waited: float = 0.0
 
@@ -50,13 +52,17 @@ class Attempts:
         wait = response.headers.get("Retry-After", "")
         if response.status_code == httpx.codes.TOO_MANY_REQUESTS or (wait and response.status_code in _ABSENT):
             return self._pause(float(wait) if wait.isdecimal() else 1.0)
-        return self._backoff() if response.status_code in _ABSENT and self.repeatable else None
+        if response.status_code not in _ABSENT or not self.repeatable:
+            return None
+        self.may_have_arrived = True
+        return self._backoff()
 
     def pause_after_error(self, error: httpx.TransportError) -> float | None:
         """Return the seconds before the next attempt after a broken connection; None if there must be none."""
         arrived = not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout | httpx.PoolTimeout)
         if isinstance(error, httpx.UnsupportedProtocol | httpx.LocalProtocolError) or (arrived and not self.repeatable):
             return None
+        self.may_have_arrived |= arrived
         return self._backoff()
 
     def _backoff(self) -> float | None:

@@ -172,13 +172,18 @@ class SyncClient:
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
         """Send any request of the HTTP API, and repeat it as `Attempts` says."""
+        response, _ = self._send(method, path, **options)
+        return protocol.checked(response)
+
+    def _send(self, method: str, path: str, **options: Any) -> tuple[httpx.Response, Attempts]:
+        """Return the last response, and the attempts at the request."""
         attempts = Attempts.of(method, httpx.Headers(options.get("headers")), self._retry_seconds)
         while True:
             try:
                 response = self._http.request(method, path, **options)
                 pause = attempts.pause_after(response)
                 if pause is None:
-                    return protocol.checked(response)
+                    return response, attempts
             except httpx.TransportError as error:
                 pause = attempts.pause_after_error(error)
                 if pause is None:
@@ -342,7 +347,10 @@ class SyncClient:
 
     def remove(self, shape_id: str) -> None:
         """Remove a shape, its signature, descriptors and file."""
-        self.request("DELETE", protocol.shape_path(shape_id))
+        response, attempts = self._send("DELETE", protocol.shape_path(shape_id))
+        # An earlier attempt, whose answer was lost, may have removed the shape.
+        if response.status_code != httpx.codes.NOT_FOUND or not attempts.may_have_arrived:
+            protocol.checked(response)
 
     def mesh(self, shape_id: str) -> bytes:
         """Return the file that a shape was made from, byte for byte."""
@@ -453,7 +461,7 @@ class SyncClient:
             After `timeout` seconds; there is no limit by default.
         """
         wanted = {"a": a, "b": b, "orientation": orientation, "part": part, "samples": samples, "format": "npz"}
-        response = self.request("POST", "/v1/matches", json=wanted)
+        response = self.request("POST", "/v1/matches", headers=protocol.once(), json=wanted)
         job = Job[bytes](self, JobStatus.from_dict(response.json()))
         return protocol.points(job.result(timeout))
 

@@ -95,6 +95,8 @@ class Batch:
         try:
             return worker.run(compute, arguments)
         except OSError as error:
+            if error.filename is None:  # not about a file, such as a full disk
+                raise typed_error(error) from error
             raise MeshReadError(f"the file cannot be read: {error.strerror}") from error
         except Exception as error:
             raise typed_error(error) from error

@@ -106,10 +106,12 @@ class Jobs:
     def submit_file(
         self, shape: ShapeRecord, request: FileRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord]:
-        """Queue a job that makes a file of a stored shape.
+        """Queue a job that makes a file of a stored shape, or return the earlier job of a repeated request.
 
         Raises
         ------
+        IdempotencyError
+            If the sender sent a different request with this idempotency key.
         NotFoundError
             If the shape was removed meanwhile.
         QueueFullError
@@ -120,6 +122,8 @@ class Jobs:
         key = UploadKey.of(shape.sha256, shape.parameters, shape.policy)
 
         def submit(connection: Connection) -> NewJob | JobRecord:
+            if repeated := _find_repeated(connection, sender):
+                return repeated
             shape_rows.get_shape(connection, shape.id)
             _check_queue(connection, sender, limits)
             return NewJob(

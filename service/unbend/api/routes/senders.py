@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Sequence
 from typing import Annotated, Final
 
 from fastapi import Header, Request
@@ -16,7 +17,7 @@ from unbend.errors import NotFoundError, ParameterError
 from unbend.library.jobs import Sender
 from unbend.library.keys import KeyRecord
 from unbend.library.records import JobRecord
-from unbend.library.requests import QueryRequest, ShapeRequest, Upload, kind_of
+from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upload, kind_of
 
 _VALID_NAME: Final = re.compile(r"[\x21-\x7e]{1,255}")
 
@@ -57,7 +58,7 @@ def must_see(request: Request, job: JobRecord) -> JobRecord:
 def sender_of(
     request: Request, upload: Upload, job_request: ShapeRequest | QueryRequest, callback: str | None = None
 ) -> Sender:
-    """Return the sender of a job, with its idempotency hashes and its webhook.
+    """Return the sender of an upload or a query, with its idempotency hashes and its webhook.
 
     Raises
     ------
@@ -66,6 +67,20 @@ def sender_of(
     UnsuitedError
         If the settings do not allow the webhook.
     """
+    key = upload.key
+    sent = [
+        kind_of(job_request), callback, key.sha256, key.parameters, key.policy, upload.file_type, job_request.as_dict(),
+    ]  # fmt: skip
+    return _sender(request, sent, callback)
+
+
+def sender_of_file(request: Request, shape_id: str, file_request: FileRequest) -> Sender:
+    """Return the sender of a request for a file of a stored shape; raises ParameterError as `sender_of` does."""
+    return _sender(request, [kind_of(file_request), shape_id, file_request.as_dict()])
+
+
+def _sender(request: Request, sent: Sequence[object], callback: str | None = None) -> Sender:
+    """Return a sender; `sent` is all that a repetition of its request must have in common with it."""
     key = key_of(request)
     owner = key.id if key else None
     name = request.headers.get("idempotency-key")
@@ -74,11 +89,6 @@ def sender_of(
         return Sender(owner, callback=webhook)
     if not _VALID_NAME.fullmatch(name):
         raise ParameterError("Idempotency-Key must have 1 to 255 visible characters of ASCII")
-    key_of_upload = upload.key
-    sent = [
-        kind_of(job_request), callback, key_of_upload.sha256, key_of_upload.parameters, key_of_upload.policy,
-        upload.file_type, job_request.as_dict(),
-    ]  # fmt: skip
     return Sender(owner, _hash([owner, name]), _hash(sent), webhook)
 
 

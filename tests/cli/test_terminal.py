@@ -168,7 +168,7 @@ def test_quiet_prints_only_errors(mesh, tmp_path):
     (tmp_path / "in/bad.off").write_bytes(DAMAGED)
     (tmp_path / "in/ring.ply").write_bytes(mesh.read_bytes())
     done = in_process("import", tmp_path / "in", "--library", tmp_path / "a.db", "--samples", 20, "--quiet")
-    assert (done.returncode, done.stdout) == (3, "")
+    assert (done.returncode, done.stdout) == (4, "")
     (line,) = done.stderr.splitlines()
     assert "bad.off" in line
     done = succeeded("-q", "signature", mesh, "-o", tmp_path / "x.ply", "--samples", 20, run=in_process)

@@ -88,9 +88,9 @@ def test_a_shape_that_is_gone_after_a_lost_answer_was_removed():
     with closing(Breaking(1, gone)) as server, Client(server.url) as client:
         client.remove("0" * 32)
         assert len(server.requests) == 2
-    with closing(Breaking(0, gone)) as server, Client(server.url) as client:
-        with pytest.raises(NotFoundError, match="no such shape"):
-            client.remove("0" * 32)
+    server = Breaking(0, gone)
+    with closing(server), Client(server.url) as client, pytest.raises(NotFoundError, match="no such shape"):
+        client.remove("0" * 32)
 
 
 def job_response(state: str) -> bytes:

@@ -177,7 +177,11 @@ def test_an_upload_fails_with_a_clear_error_when_the_temporary_folder_is_full(tm
     folder.mkdir()
     large = {"files": {"file": ("m.ply", bytes(6 * 2**20))}}
     try:
-        with small_disk(folder, 4), Server(tmp_path, workers=1, ready=False) as server, server.http() as http:
+        with (
+            small_disk(folder, 4),
+            Server(tmp_path, workers=1, ready=False, temporary=folder) as server,
+            server.http() as http,
+        ):
             for path in ("/v1/shapes", "/v1/queries"):
                 problem = check(http.post(path, **large), 507, "temporary_full")
                 assert "temporary files" in problem["detail"]

@@ -125,7 +125,7 @@ def temporary_files(server: Server) -> list[str]:
     for handle in Path(f"/proc/{server.process.pid}/fd").iterdir():
         with contextlib.suppress(OSError):
             opened.append(str(handle.readlink()))
-    folder = str(server.library.parent / "temporary")
+    folder = str(server.temporary)
     return [name for name in opened if name.startswith(folder)]
 
 
@@ -174,7 +174,7 @@ def test_a_chunked_upload_beyond_the_limit_is_refused_and_leaves_no_files(server
         check(response, 413, "upload_too_large")
         assert response.headers["connection"] == "close"
     assert temporary_files(server) == []
-    assert list((server.library.parent / "temporary").glob("tmp*")) == []
+    assert list((server.temporary).glob("tmp*")) == []
     assert jobs(api) == before
     assert status(server.process.pid, "VmRSS") - held < 16 * 1024
 

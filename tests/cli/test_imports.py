@@ -94,7 +94,7 @@ def test_an_import_accounts_for_every_file(mixed, tmp_path, server, place, name)
     where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
     command = ("import", mixed, *where, *FEW, "--report", tmp_path / name)
     done = in_process(*command)
-    assert (done.returncode, done.stdout) == (3, "5 of 6 shapes imported: 4 new, 1 merged\n")
+    assert (done.returncode, done.stdout) == (4, "5 of 6 shapes imported: 4 new, 1 merged\n")
     assert outcomes(tmp_path / name) == EVERY
     assert counts_of(done.stderr) == (9, [
         (4, "new"), (1, "merged: the same content as another file"), (1, "failed"),
@@ -119,7 +119,7 @@ def test_rows_without_a_file_and_files_without_a_row_are_left_out(mixed, tmp_pat
     labels.write_text("path,class\na.ply,x\nnowhere.ply,y\ndeep/c.ply,z\n")
     command = ("import", mixed, "--labels", labels, "--library", tmp_path / "a.db", *QUICK, "--report", report)
     done = in_process(*command)
-    assert (done.returncode, done.stdout) == (3, "2 of 2 shapes imported: 2 new\n")
+    assert (done.returncode, done.stdout) == (4, "2 of 2 shapes imported: 2 new\n")
     assert f"{labels}, line 3: there is no file {mixed / 'nowhere.ply'}" in done.stderr
     found, counts = counts_of(done.stderr)
     assert found == len(EVERY) + 1
@@ -193,7 +193,7 @@ def test_a_description_that_cannot_be_stored_fails_only_its_file(tmp_path, serve
     labels.write_text(f"path,class\na.ply,{'x' * 300}\nb.ply,x\n")
     where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
     done = in_process("import", tmp_path, "--labels", labels, *where, *FEW)
-    assert (done.returncode, done.stdout) == (3, "1 of 2 shapes imported: 1 new\n")
+    assert (done.returncode, done.stdout) == (4, "1 of 2 shapes imported: 1 new\n")
     assert f"{tmp_path / 'a.ply'}: " in done.stderr
 
 
@@ -354,7 +354,7 @@ def test_a_file_that_exceeds_memory_costs_only_itself(tmp_path):
     (tmp_path / "in/b.ply").write_bytes(small_mesh(1))
     options = (*QUICK, "--workers", 1, "--memory-mb", 1024)
     done = in_process("import", tmp_path / "in", "--library", tmp_path / "a.db", *options)
-    assert (done.returncode, done.stdout) == (3, "1 of 2 shapes imported: 1 new\n")
+    assert (done.returncode, done.stdout) == (4, "1 of 2 shapes imported: 1 new\n")
     assert "a.ply: the mesh needs more memory" in done.stderr
 
 
@@ -364,7 +364,7 @@ def test_a_file_that_exceeds_memory_costs_only_itself(tmp_path):
 def test_signatures_of_a_folder_are_those_of_its_files(mixed, tmp_path):
     out, report = tmp_path / "out", tmp_path / "report.csv"
     done = in_process("signature", mixed, "-o", out, *FEW, "--report", report)
-    assert (done.returncode, done.stdout) == (3, "5 of 6 signatures written: 5 new\n")
+    assert (done.returncode, done.stdout) == (4, "5 of 6 signatures written: 5 new\n")
     assert outcomes(report) == EVERY | {"deep/copy.ply": "new"}
     assert counts_of(done.stderr)[0] == len(EVERY)
     files = sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import sqlite3
 import threading
@@ -11,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 
@@ -43,6 +45,7 @@ class Crashes:
     def __init__(self, folder: Path, seed: int, *, callers: int = 4) -> None:
         self.callers = [Caller(number, seed) for number in range(callers)]
         self._folder = folder
+        self._temporary = Path(mkdtemp(prefix="unbend-"))
         self._random = np.random.default_rng(seed)
         self._faults: list[str] = []
 
@@ -54,7 +57,7 @@ class Crashes:
     def crash(self, *, early: bool = False) -> Crash:
         """Start a server, check it, call it from all clients, and kill it; if `early`, before its workers are ready."""
         start, before = time.monotonic(), self._acknowledged()
-        with Server(self._folder, ready=False) as server:
+        with Server(self._folder, ready=False, temporary=self._temporary) as server:
             started = time.monotonic() - start
             folders = self._check(server)
             with self._calls(server):
@@ -70,9 +73,10 @@ class Crashes:
 
     def finish(self) -> None:
         """Start a last server, wait until all jobs have ended, and check everything."""
-        with Server(self._folder) as server:
+        with Server(self._folder, temporary=self._temporary) as server:
             in_threads(lambda caller=caller: caller.settle(server.url) for caller in self.callers)
             self._check(server, everything=True)
+        shutil.rmtree(self._temporary)
 
     def _check(self, server: Server, *, everything: bool = False) -> int:
         for caller in self.callers:
@@ -130,10 +134,13 @@ class Crashes:
 def leftovers(folder: Path) -> list[Path]:
     """Return the temporary files and folders that killed servers left, without the empty files of SQLite.
 
+    The folder with the socket of a fork server that runs is not among them.
+
     SQLite creates a temporary file named `etilqs_*` and unlinks it at once. A kill between the two steps leaves an
     empty file, which this package cannot prevent.
     """
-    return [path for path in folder.iterdir() if not _is_of_sqlite(path)]
+    sockets = Path("/proc/net/unix").read_text()
+    return [path for path in folder.iterdir() if not _is_of_sqlite(path) and f"{path}/" not in sockets]
 
 
 def _is_of_sqlite(path: Path) -> bool:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TypeVar
 
 import httpx
@@ -120,13 +122,15 @@ class Server:
         host: str = "127.0.0.1",
         port: int = 0,
         within: Sequence[str] = (),
+        temporary: Path | None = None,
         **settings: object,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.library = folder / "library.db"
         self.log = folder / "server.log"
-        self.temporary = folder / "temporary"
-        self.temporary.mkdir(exist_ok=True)
+        # Not within `folder`: the path of a socket, which workers need, must be short.
+        self._own_temporary = temporary is None
+        self.temporary = temporary or Path(mkdtemp(prefix="unbend-"))
         environment = without_settings(
             TMPDIR=str(self.temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
         )
@@ -179,6 +183,8 @@ class Server:
             self.kill()
         for pid in filter(is_running, workers):
             os.kill(pid, signal.SIGKILL)
+        if self._own_temporary:
+            shutil.rmtree(self.temporary, ignore_errors=True)
 
     def kill(self) -> None:
         """Kill the server."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import gc
 import os
+import shutil
+from multiprocessing import forkserver
+from pathlib import Path
 
 # Before NumPy is imported: each worker has one core, and a process must not be forked while it has threads.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -15,4 +19,14 @@ from unbend.jobs import batch, worker  # noqa: E402, F401  all that workers run
 
 with contextlib.suppress(Exception), without_compiling():  # each worker repeats this, and reports what fails
     worker.warm_up()
+
+
+@atexit.register  # forked workers end without it
+def remove_socket() -> None:
+    """Remove the folder with the socket of this fork server, for a parent that was killed."""
+    address = forkserver._forkserver._forkserver_address  # type: ignore[attr-defined]  # noqa: SLF001  no public name
+    if address:
+        shutil.rmtree(Path(address).parent, ignore_errors=True)
+
+
 gc.freeze()  # a garbage collection would write to these objects, and so copy their memory for each worker

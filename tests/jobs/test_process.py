@@ -216,6 +216,9 @@ def test_a_worker_ignores_termination_signals(worker, tmp_path, number):
 
 def starting(worker: WorkerProcess, threads: ThreadPoolExecutor) -> tuple[Future[int], int]:
     """Start a first call; return its future, and the id of the process that starts for it."""
+    first = WorkerProcess(dict)
+    first.run(os.getpid, ())  # the fork server may have other children while it loads modules
+    first.end()
     before = set(workers_of(os.getpid()))
     running = threads.submit(worker.run, os.getpid, ())
     end = time.monotonic() + PATIENCE
@@ -231,7 +234,7 @@ def threads():
 
 
 def test_a_starting_worker_ignores_termination_signals(threads):
-    process = WorkerProcess(partial(limit_process, None))
+    process = WorkerProcess(partial(time.sleep, 1.0))
     try:
         running, pid = starting(process, threads)
         while not running.done():
@@ -254,7 +257,7 @@ def test_an_idle_worker_that_is_stopped_is_replaced():
 
 
 def test_a_worker_that_is_stopped_while_it_starts_is_replaced(threads):
-    process = WorkerProcess(partial(limit_process, None), silent_seconds=8.0)
+    process = WorkerProcess(partial(time.sleep, 1.0), silent_seconds=8.0)
     try:
         running, pid = starting(process, threads)
         os.kill(pid, signal.SIGSTOP)

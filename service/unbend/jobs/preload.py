@@ -1,4 +1,4 @@
-"""What the fork server of workers loads once for all of them: their modules, and the kernels that are on disk."""
+"""The modules, and the kernels on disk, that the fork server of workers loads once for all of them."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess, SpawnProcess
 from multiprocessing.process import BaseProcess
@@ -240,7 +240,8 @@ def start_fork_server() -> bool:
         return False
     multiprocessing.set_forkserver_preload([_PRELOAD])
     try:
-        with _signals_blocked():  # for its whole life: it ends with this process
+        resource_tracker.ensure_running()  # before, because it unblocks signals
+        with _signals_blocked():  # for the whole life of the fork server, which ends with this process
             forkserver.ensure_running()
     except OSError:  # the folder of temporary files has a name too long for a socket, or cannot be written
         return False

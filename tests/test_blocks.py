@@ -131,7 +131,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
             path.chmod(path.stat().st_mode | stat.S_IXUSR)
     served = tmp_path_factory.mktemp("served")
     shutil.copy(files / "mine.db", served / "library.db")
-    with Server(served) as server:
+    with Server(served, parts=True) as server:
         yield Place(files, commands, server)
 
 

@@ -9,13 +9,30 @@ import uuid
 import numpy as np
 import pytest
 
-from tests.support.server import DAMAGED, ENDLESS, ended, endless_mesh, ply, post_mesh, small_mesh, stored, two_rings
+from tests.support.server import (
+    DAMAGED,
+    ENDLESS,
+    Server,
+    ended,
+    endless_mesh,
+    ply,
+    post_mesh,
+    small_mesh,
+    stored,
+    two_rings,
+)
 from unbend import Library, MeshPolicy, Parameters, Surface, compute_signature, read_mesh
 from unbend.mesh.shapes import sphere
 
 # Only these tests use these parameters, so that queries do not find shapes of other tests.
 OWN = {"samples": 37}
 FEW = json.dumps(OWN)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with Server(tmp_path_factory.mktemp("parts"), parts=True) as running:
+        yield running
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +94,16 @@ def test_a_piece_gets_its_whole_and_what_it_is_to_it(server, http, ids):
     stored_query = http.post("/v1/queries", json={"shape_id": ids["ball-0"], "measure": "partial"}).json()
     assert stored_query["shapes"][0]["name"] == "ball-1"
     assert stored_query["shapes"][0]["part"]["relation"] == "whole"
+
+
+def test_a_server_may_leave_out_what_parts_need_and_says_so(small_server):
+    with small_server.http() as http:
+        stored(http, small_mesh(50), parameters=FEW)
+        found = ask(http, small_mesh(51), {"Prefer": "wait=60"}, measure="partial").json()
+        assert found["shapes"] == []
+        assert "without local signatures" in found["warnings"][-1]
+        found = ask(http, small_mesh(51), {"Prefer": "wait=60"}).json()
+        assert found["shapes"]
 
 
 def test_a_measure_of_parts_has_one_classifier(http, ids):

@@ -25,7 +25,7 @@ OTHERS = {  # a value for each setting that differs from its default
     "call_seconds": 6.5, "root_path": "/a/b", "job_history": 21, "job_days": 1.5,
     "reserve_mb": 30, "max_json_kb": 14, "max_answering_mb": 15,
     "trusted_proxies": "10.0.0.0/8, 127.0.0.1", "allowed_hosts": "unbend",
-    "requests_per_minute": 9, "cors_origins": "https://example.org, http://[::1]:8080",
+    "requests_per_minute": 9, "local_signatures": False, "cors_origins": "https://example.org, http://[::1]:8080",
 }  # fmt: skip
 
 

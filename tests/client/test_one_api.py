@@ -44,7 +44,7 @@ KINDS = ("library", "sync", "async")
 
 @pytest.fixture(scope="module")
 def own_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with Server(tmp_path_factory.mktemp("far"), workers=1) as running:
+    with Server(tmp_path_factory.mktemp("far"), workers=1, parts=True) as running:
         yield running
 
 

@@ -154,7 +154,7 @@ def test_a_ranking_counts_the_shapes_that_it_cannot_compare(library, part):
         connection.exec_driver_sql("UPDATE library_state SET revision = revision + 1")
     ranking = library.rank(asked(part), measure="partial")
     assert {match.name for match in ranking.shapes} == {"egg", "ring"}
-    assert ranking.warnings == ("1 shape of an earlier version was not compared: run `unbend complete` first",)
+    assert ranking.warnings == ("1 shape without local signatures was not compared: run `unbend complete` first",)
 
 
 def test_a_ranking_counts_the_shapes_whose_size_is_too_different(library, part):

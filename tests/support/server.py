@@ -123,6 +123,7 @@ class Server:
         port: int = 0,
         within: Sequence[str] = (),
         temporary: Path | None = None,
+        parts: bool = False,
         **settings: object,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -132,7 +133,9 @@ class Server:
         self._own_temporary = temporary is None
         self.temporary = temporary or Path(mkdtemp(prefix="unbend-"))
         environment = without_settings(
-            TMPDIR=str(self.temporary), **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()}
+            TMPDIR=str(self.temporary),
+            UNBEND_LOCAL_SIGNATURES=str(parts),  # they take most of the time of an upload
+            **{f"UNBEND_{name.upper()}": str(value) for name, value in settings.items()},
         )
         command = [
             *within,

@@ -33,7 +33,7 @@ MIDDLE = """canvas => {
 @pytest.fixture(scope="module")
 def few(tmp_path_factory: pytest.TempPathFactory, real_folder: Path, chromium: Browser) -> Iterator[Server]:
     """A server with two cats and a hand."""
-    with Server(tmp_path_factory.mktemp("few")) as server, server.http() as http:
+    with Server(tmp_path_factory.mktemp("few"), parts=True) as server, server.http() as http:
         for name, path in zip(("tom", "felix"), sorted((real_folder / "cat").iterdir()), strict=False):
             stored(http, path.read_bytes(), file_name=f"{name}.off", label="cat")
         stored(http, min((real_folder / "hand").iterdir()).read_bytes(), file_name="palm.off", label="hand")

@@ -80,7 +80,9 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         library = Library(chosen.library)
         if library.disk:
             library.disk.reserve(chosen.reserve_bytes)
-        runner = JobRunner(library, workers=chosen.workers, limits=chosen.limits, observer=observer)
+        runner = JobRunner(
+            library, workers=chosen.workers, limits=chosen.limits, observer=observer, with_parts=chosen.local_signatures
+        )
         app.state.service = Service(chosen, library, runner, metrics, WaitLimit(chosen.max_waiting))
         scheduled = ScheduledBackups(library, chosen.backup_plan, metrics) if chosen.backup_plan else None
         webhooks = Webhooks(library.jobs, chosen.webhook_plan) if chosen.webhook_plan else None

@@ -13,7 +13,7 @@ from unbend.cli.terminal import announce_compilation, confirm, warn
 @library_option
 @json_option
 def complete(library: str, as_json: bool) -> None:
-    """Compute the local signatures, by which pieces are recognised, for shapes that earlier versions stored."""
+    """Compute the local signatures, by which pieces are recognised, for shapes that were stored without."""
     completed: list[str] = []
     with open_library(library) as opened:
         announce_compilation()

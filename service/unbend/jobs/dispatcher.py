@@ -47,6 +47,8 @@ class Dispatcher:
         limits: JobLimits,
         observer: JobObserver,
         subscriptions: Subscriptions,
+        *,
+        with_parts: bool,
     ) -> None:
         self._library = library
         self._jobs = library.jobs
@@ -54,6 +56,7 @@ class Dispatcher:
         self._limits = limits
         self._observer = observer
         self._subscriptions = subscriptions
+        self._with_parts = with_parts
         # Claim twice as many jobs as there are workers, so that no worker waits for the store.
         self._slots = asyncio.Semaphore(2 * pool.size)
         self._wake = asyncio.Event()
@@ -249,7 +252,7 @@ class Dispatcher:
         key = UploadKey.of(mesh.sha256, job.parameters, job.policy)
         if await self._jobs.is_known(key):  # an equal job has stored the shape
             return await self._retry(partial(self._jobs.complete_known, job, key))
-        outcome = await self._compute(job, compute_shape, mesh, job.parameters)
+        outcome = await self._compute(job, compute_shape, mesh, job.parameters, self._with_parts)
         self._observer.computed(outcome.seconds)
         return await self._retry(partial(self._jobs.complete_shape, job, outcome.shape))
 

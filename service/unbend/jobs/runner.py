@@ -50,6 +50,17 @@ class JobRunner:
 
     A job is durable when a `submit` method returns it. Jobs that an earlier server left running are run again, up to
     `limits.restarts` times.
+
+    Parameters
+    ----------
+    library : Library
+    workers : int
+        Number of worker processes.
+    limits : JobLimits, optional
+    observer : JobObserver, optional
+        Receives what happens to jobs.
+    with_parts : bool, default True
+        Whether the signatures of uploads get local signatures, which the measures of parts compare.
     """
 
     def __init__(
@@ -59,6 +70,7 @@ class JobRunner:
         workers: int,
         limits: JobLimits | None = None,
         observer: JobObserver | None = None,
+        with_parts: bool = True,
     ) -> None:
         self.workers = workers
         self.limits = limits or JobLimits()
@@ -69,7 +81,9 @@ class JobRunner:
         # process starts when it is first needed.
         self._lanes = {lane: _Lane(WorkerPool(1, self.limits.memory_mb)) for lane in get_args(Lane)}
         self._observer: JobObserver = observer or NoObserver()
-        self._dispatcher = Dispatcher(library, self._pool, self.limits, self._observer, self._subscriptions)
+        self._dispatcher = Dispatcher(
+            library, self._pool, self.limits, self._observer, self._subscriptions, with_parts=with_parts
+        )
         self._warming: asyncio.Task[None] | None = None
 
     async def start(self) -> None:

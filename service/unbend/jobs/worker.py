@@ -95,8 +95,8 @@ def initialise(memory_bytes: int | None) -> None:
     limit_process(memory_bytes)
 
 
-def compute_shape(mesh: StoredMesh, parameters: Parameters) -> ShapeOutcome:
-    """Read a stored mesh and compute its signature for the library.
+def compute_shape(mesh: StoredMesh, parameters: Parameters, local: bool = True) -> ShapeOutcome:
+    """Read a stored mesh and compute its signature for the library, with or without local signatures.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def compute_shape(mesh: StoredMesh, parameters: Parameters) -> ShapeOutcome:
     JobMemoryError
         If it needs more memory than allowed.
     """
-    found, seconds = _compute(mesh, parameters, local=True)
+    found, seconds = _compute(mesh, parameters, local=local)
     key = UploadKey.of(mesh.sha256, parameters, mesh.policy)
     return ShapeOutcome(ComputedShape.of(key, found), seconds)
 

@@ -63,6 +63,9 @@ class Settings(BaseSettings):
         le=_MOST_WORKERS,
         description="Worker processes; one for each core by default.",
     )
+    local_signatures: bool = Field(
+        True, description="Compute the local signatures of uploads, by which pieces are recognised."
+    )
     max_upload_mb: int = Field(64, ge=1, le=4096, description="Most megabytes of a request with a file.")
     max_json_kb: int = Field(
         64,

@@ -174,7 +174,7 @@ def _missing(count: int) -> tuple[str, ...]:
     if not count:
         return ()
     shapes_, were = ("shape", "was") if count == 1 else ("shapes", "were")
-    sentence = f"{count} {shapes_} of an earlier version {were} not compared: run `unbend complete` first"
+    sentence = f"{count} {shapes_} without local signatures {were} not compared: run `unbend complete` first"
     return (sentence,)
 
 

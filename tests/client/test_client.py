@@ -29,7 +29,7 @@ from tests.support.server import (
     small_mesh,
     two_rings,
 )
-from unbend import AsyncClient, Client, Library, Parameters, compute_signature, errors, read_mesh
+from unbend import AsyncClient, Client, Parameters, compute_signature, errors, read_mesh
 from unbend.client import protocol
 from unbend.errors import (
     JobCancelledError,
@@ -246,11 +246,18 @@ def test_a_client_is_closed_at_the_end_of_its_context(server):
 
 def test_shapes_beyond_one_page_are_all_yielded_in_order(client, server):
     label = uuid.uuid4().hex
-    with Library(str(server.library)) as library:  # adding shapes directly is faster than over HTTP
-        for number in range(120):
-            record = library.add(small_mesh(number), parameters=Parameters(samples=4))
-            library.change(record.id, label=label, name=str(number))
-    assert [shape.name for shape in client.iter_shapes(label=label)] == [str(number) for number in range(120)]
+    with Client(server.url) as sender:
+        sent = [
+            sender.submit(
+                small_mesh(number), label=label, name=str(number), parameters={"samples": 4}, if_known="update"
+            )
+            for number in range(120)
+        ]
+        assert {job.wait(PATIENCE).state for job in sent} == {"succeeded"}
+    found = list(client.iter_shapes(label=label))
+    assert {shape.name for shape in found} == {str(number) for number in range(120)}
+    assert [shape.seq for shape in found] == sorted({shape.seq for shape in found})
+    assert len(found) == 120
 
 
 def test_an_upload_waits_while_the_queue_is_full(small_server, kind):

@@ -6,6 +6,7 @@
 PYTHON ?= python3
 HOST ?= 127.0.0.1
 PORT ?= 8000
+LIBRARY ?= demo.db
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 BIN := .venv/bin
 
@@ -13,10 +14,10 @@ BIN := .venv/bin
 	clean-kernels
 
 serve: .venv/run
-	@echo "Compiling the kernels: about a minute at the first start."
-	@$(BIN)/python -c "from unbend.jobs.worker import warm_up; warm_up()"
-	$(BIN)/unbend demo --library demo.db
-	$(BIN)/unbend serve --library demo.db --host $(HOST) --port $(PORT)
+ifeq ($(LIBRARY),demo.db)
+	$(BIN)/unbend demo --library $(LIBRARY)
+endif
+	$(BIN)/unbend serve --library $(LIBRARY) --host $(HOST) --port $(PORT)
 
 # Tests start hundreds of processes, so Python may save compiled modules. xdist keeps the order of tests/conftest.py.
 test: .venv/test

@@ -2,6 +2,8 @@
 
     UnbendError
     ├── MeshError                 the mesh cannot be used
+    │   ├── MeshFileError         its file cannot be opened
+    │   │   └── MeshMissingError  there is no such file
     │   ├── MeshFormatError       its format is unknown
     │   ├── MeshReadError         the file is damaged or incomplete
     │   ├── MeshTooLargeError     it has more vertices or triangles than allowed
@@ -71,6 +73,22 @@ class MeshError(UnbendError, ValueError):
 
     code = "mesh_invalid"
     advice = "Check the mesh in a viewer and export it again."
+
+
+class MeshFileError(OSError, MeshError):
+    """The file of the mesh cannot be opened. It is also an OSError, with `errno`, `strerror` and `filename`."""
+
+    code = "mesh_file"
+    advice = "Check the path, and whether you may read the file."
+
+    def __str__(self) -> str:
+        return f"{self.filename}: {self.strerror}" if self.filename else super().__str__()
+
+
+class MeshMissingError(MeshFileError, FileNotFoundError):
+    """There is no such file."""
+
+    code = "mesh_missing"
 
 
 class MeshFormatError(MeshError):
@@ -363,6 +381,7 @@ class ServiceError(UnbendError):
     """The service could not be reached, or responded with an error that has no class of its own."""
 
     code = "service"
+    advice = "Check the address, and whether the service runs there."
 
 
 def reported(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -145,6 +146,15 @@ class _CompilationListener(Listener):
         self._tell()
 
 
+def _announce() -> None:
+    if sys.stderr is not None and sys.stderr.isatty():
+        logger.warning("compiling the kernels once; this takes about a minute")
+
+
+_ANNOUNCER: Final = _CompilationListener(_announce, 1.0)
+register("numba:compile", _ANNOUNCER)
+
+
 def on_compilation(tell: Callable[[], None], after: float = 1.0) -> Callable[[], None]:
     """Call `tell` once, in another thread, when this process has compiled kernels for `after` seconds.
 
@@ -171,11 +181,13 @@ class _Refusal(Listener):
 def without_compiling() -> Iterator[None]:
     """Within this context, a kernel that must be compiled raises NotCompiledError; one that is on disk is loaded."""
     refusal = _Refusal()
+    unregister("numba:compile", _ANNOUNCER)  # it would hear the start of a compilation, and no end
     register("numba:compile", refusal)
     try:
         yield
     finally:
         unregister("numba:compile", refusal)
+        register("numba:compile", _ANNOUNCER)
 
 
 def is_compiled(compiled: Callable[..., Any]) -> bool:

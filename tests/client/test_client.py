@@ -232,13 +232,13 @@ def test_an_invalid_url_raises_a_service_error(kind, address):
 def test_a_client_is_closed_at_the_end_of_its_context(server):
     with Client(server.url) as client:
         client.labels()
-    with pytest.raises(RuntimeError, match="closed"):
+    with pytest.raises(ServiceError, match="the client is closed"):
         client.labels()
 
     async def story() -> None:
         async with AsyncClient(server.url) as client:
             await client.labels()
-        with pytest.raises(RuntimeError, match="closed"):
+        with pytest.raises(ServiceError, match="the client is closed"):
             await client.labels()
 
     asyncio.run(story())

@@ -14,6 +14,7 @@ _HEADER = '"""The synchronous client. `make client` writes this file from `async
 
 _REPLACEMENTS = {
     r'\A""".*?"""': _HEADER,
+    r"    Its methods are coroutines:.*?\n\n": "",
     r"import asyncio\n": "",
     r"\basyncio\.sleep\b": "time.sleep",
     r"\bhttpx\.AsyncClient\b": "httpx.Client",

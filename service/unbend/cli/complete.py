@@ -6,7 +6,7 @@ import click
 
 from unbend.cli.options import json_option, library_option
 from unbend.cli.places import open_library
-from unbend.cli.terminal import announce_compilation, confirm, warn
+from unbend.cli.terminal import confirm, prepare_kernels, warn
 
 
 @click.command()
@@ -16,7 +16,7 @@ def complete(library: str, as_json: bool) -> None:
     """Compute the local signatures, by which pieces are recognised, for shapes that were stored without."""
     completed: list[str] = []
     with open_library(library) as opened:
-        announce_compilation()
+        prepare_kernels()
         for shape in opened.complete():
             completed.append(shape.id)
             warn(shape.name)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from unbend.cli.options import json_option, library_option
-from unbend.cli.terminal import announce_compilation, confirm, progress
+from unbend.cli.terminal import confirm, prepare_kernels, progress
 from unbend.names import printable
 
 
@@ -32,7 +32,7 @@ def _store(url: str) -> int:
     from unbend.library import Library  # noqa: PLC0415
     from unbend.mesh.shapes import DEMO_COUNT, demo_shapes  # noqa: PLC0415
 
-    announce_compilation()
+    prepare_kernels()
     with Library(url) as library:
         if len(library) >= DEMO_COUNT:
             return len(library)

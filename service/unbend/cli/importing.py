@@ -22,7 +22,7 @@ from unbend.cli.options import (
     place_options,
     policy_options,
 )
-from unbend.cli.terminal import announce_compilation, warn
+from unbend.cli.terminal import prepare_kernels, warn
 from unbend.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def import_folder(
         else:
             from unbend.cli.folders.import_into_library import import_into_library  # noqa: PLC0415
 
-            announce_compilation(in_processes=True)
+            prepare_kernels()
             ended = import_into_library(library, files, account.meshes, options)
         account_for(ended, account, "importing")
         if not labels and (folder / LABELS).is_file():

@@ -18,7 +18,7 @@ from unbend.cli.options import (
     policy_options,
 )
 from unbend.cli.places import open_place
-from unbend.cli.terminal import announce_compilation, confirm_file, print_result
+from unbend.cli.terminal import confirm_file, prepare_kernels, print_result
 from unbend.names import is_shape_id, printable
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _read(data: bytes, record: ShapeRecord, policy: Values) -> Surface:
     from unbend.mesh.policy import MeshPolicy  # noqa: PLC0415
     from unbend.mesh.read import read_mesh  # noqa: PLC0415
 
-    announce_compilation()
+    prepare_kernels()
     chosen = MeshPolicy.from_dict(record.policy.as_dict() | policy)
     return read_mesh(data, file_type=record.file_type, policy=chosen)
 

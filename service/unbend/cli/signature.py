@@ -14,7 +14,7 @@ from unbend.cli.folders.files import MeshPaths
 from unbend.cli.group import EXIT_SOME_FAILED
 from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, parameter_options, policy_options
-from unbend.cli.terminal import announce_compilation, confirm_file, stages
+from unbend.cli.terminal import confirm_file, prepare_kernels, stages
 
 FORMATS: Final = ("json", "npz", "ply", "obj", "off", "glb")
 
@@ -64,7 +64,7 @@ def signature(
     from unbend.cli.folders.signatures import write_signatures  # noqa: PLC0415
 
     source = MeshPaths(meshes, [output, report] if report else [output])
-    announce_compilation(in_processes=True)
+    prepare_kernels()
     with accounting(source.root, report, kept="the signatures of the other files are not written") as account:
         files = meshes_of(source, account)
         written = write_signatures(

@@ -23,7 +23,8 @@ T = TypeVar("T")
 Verbosity = Literal["quiet", "normal", "verbose"]
 
 _VERBOSITY: Final = "unbend.verbosity"
-_COMPILING: Final = "Compiling the kernels once; this takes about a minute"
+_COMPILING: Final = "Compiling the kernels, once on this machine; this takes about a minute"
+_COMPILING_MORE: Final = "Compiling kernels of this command, once on this machine; this takes some seconds"
 
 
 def set_verbosity(context: click.Context, verbosity: Verbosity) -> None:
@@ -121,25 +122,28 @@ def say(message: str) -> None:
         print_error(f"unbend: {message}")
 
 
-def announce_compilation(*, in_processes: bool = False) -> None:
-    """Say once on standard error that kernels are being compiled, if they are, unless the command is quiet.
+def prepare_kernels() -> None:
+    """Compile the common kernels if this machine has none yet, and say so once, unless the command is quiet.
 
-    Worker processes do not report it. With `in_processes`, a look at the files of a kernel that all signatures need
-    decides.
+    Later, the command says once if it compiles others.
     """
+    import logging  # noqa: PLC0415
+
+    logging.getLogger("unbend.jit").setLevel(logging.ERROR)  # this command says it itself
     context = click.get_current_context()
-    if is_quiet() or _COMPILING in context.meta:
+    if _COMPILING in context.meta:
         return
     context.meta[_COMPILING] = True
+    from unbend.geodesics.marching import march  # noqa: PLC0415
     from unbend.jit import is_compiled, on_compilation  # noqa: PLC0415
 
-    if not in_processes:
-        context.find_root().call_on_close(on_compilation(lambda: print_error(_COMPILING)))
-        return
-    from unbend.geodesics.marching import march  # noqa: PLC0415
-
     if not is_compiled(march):
-        print_error(_COMPILING)
+        warn(_COMPILING)
+        from unbend.jobs.batch import compile_kernels  # noqa: PLC0415
+
+        compile_kernels()
+    if not is_quiet():
+        context.find_root().call_on_close(on_compilation(lambda: print_error(_COMPILING_MORE)))
 
 
 # Progress

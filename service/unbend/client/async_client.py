@@ -18,7 +18,7 @@ from unbend.client.retries import RETRY_SECONDS, Attempts
 from unbend.client.uploads import Details, MeshFile, QueryOptions, UploadProgress
 from unbend.correspondence.match import Turn
 from unbend.correspondence.pieces import Part
-from unbend.errors import NotFoundError
+from unbend.errors import NotFoundError, ServiceError
 from unbend.matching.classification import ClassMatch
 from unbend.matching.evaluate import RetrievalMetrics
 from unbend.mesh.policy import PolicyLike
@@ -126,6 +126,8 @@ class AsyncJob(Generic[R]):
 class AsyncClient:
     """A connection to a running service, with the methods and results of `Library`.
 
+    Its methods are coroutines: `await client.count()` and `await client.has(id)` stand for `len` and `in`.
+
     Parameters
     ----------
     base_url : str, optional
@@ -178,6 +180,8 @@ class AsyncClient:
 
     async def _send(self, method: str, path: str, **options: Any) -> tuple[httpx.Response, Attempts]:
         """Return the last response, and the attempts at the request."""
+        if self._http.is_closed:
+            raise ServiceError("the client is closed")
         attempts = Attempts.of(method, httpx.Headers(options.get("headers")), self._retry_seconds)
         while True:
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from unbend.client.sync_client import SyncClient
+from unbend.results.shapes import ShapeRecord
 
 
 class Client(SyncClient):
@@ -36,7 +37,8 @@ class Client(SyncClient):
     def __len__(self) -> int:
         return self.count()
 
-    def __contains__(self, shape_id: object) -> bool:
+    def __contains__(self, shape: object) -> bool:
+        shape_id = shape.id if isinstance(shape, ShapeRecord) else shape
         return isinstance(shape_id, str) and self.has(shape_id)
 
     def __bool__(self) -> bool:

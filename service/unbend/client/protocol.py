@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import uuid
 from collections.abc import Mapping
 from typing import Any, Final
@@ -25,6 +26,9 @@ Json = dict[str, Any]
 
 POLL_SECONDS: Final = 30.0
 """Longest time of a long poll."""
+
+_PLACES: Final = re.compile(r"\b(body|query|path)\.(?=\w+: )")
+"""Where the service found an invalid value, such as in `body.k: ...`; here it is an argument."""
 
 _REFUSED: Final = "request_invalid"
 """The code of a request that the service's own validation refuses."""
@@ -162,6 +166,7 @@ def checked(response: httpx.Response) -> httpx.Response:
         problem = {}
     problem = problem if isinstance(problem, dict) else {}
     message = str(problem.get("detail") or f"{response.url} responded {response.status_code}")
+    message = _PLACES.sub("", message)
     missing = NotFoundError.code if response.status_code == httpx.codes.NOT_FOUND else ""
     code = problem.get("code", missing)
     raise reported(

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Self, TypedDict
 from unbend.client.protocol import Json, given
 from unbend.errors import MeshReadError, ParameterError
 from unbend.mesh.policy import PolicyLike
-from unbend.mesh.sources import MeshSource, bytes_of
+from unbend.mesh.sources import MeshSource, bytes_of, opened
 from unbend.names import MAX_TEXT, printable
 from unbend.signature.parameters import ParametersLike
 
@@ -50,7 +50,7 @@ class MeshFile:
         """Return the file of a mesh. A file named by its path is opened and not read yet; see `bytes_of`."""
         if isinstance(source, str | PathLike):
             path = Path(source)
-            return cls(path.open("rb"), path.name, progress)
+            return cls(opened(path), path.name, progress)
         file = bytes_of(source)
         return cls(io.BytesIO(file.data), file.name, progress)
 

@@ -11,6 +11,8 @@ from functools import partial
 from typing import Any, Final, TypeVar
 
 from unbend.errors import JobTimeoutError, WorkerLostError
+from unbend.geodesics.marching import march
+from unbend.jit import is_compiled
 from unbend.jobs.process import Listener, WorkerProcess
 from unbend.jobs.worker import initialise
 
@@ -33,7 +35,7 @@ class WorkerPool:
     def __init__(self, workers: int, memory_mb: int | None) -> None:
         self.size = workers
         memory = None if memory_mb is None else memory_mb * 2**20
-        self._workers = [WorkerProcess(partial(initialise, memory)) for _ in range(workers)]
+        self._workers = [WorkerProcess(partial(initialise, memory, number)) for number in range(workers)]
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="unbend worker")
         self._free: asyncio.LifoQueue[WorkerProcess] = asyncio.LifoQueue()
         for worker in self._workers:
@@ -41,6 +43,8 @@ class WorkerPool:
 
     async def start(self) -> None:
         """Start every process, and wait until all are ready."""
+        if not is_compiled(march):
+            logger.warning("compiling the kernels, once for this machine: jobs wait about a minute")
         try:
             await asyncio.gather(*(self._start_one() for _ in self._workers))
         except Exception:

@@ -21,11 +21,11 @@ with contextlib.suppress(Exception), without_compiling():  # each worker repeats
     worker.warm_up()
 
 
-@atexit.register  # forked workers end without it
-def remove_socket() -> None:
+@atexit.register
+def remove_socket(fork_server: int = os.getpid()) -> None:
     """Remove the folder with the socket of this fork server, for a parent that was killed."""
     address = forkserver._forkserver._forkserver_address  # type: ignore[attr-defined]  # noqa: SLF001  no public name
-    if address:
+    if address and os.getpid() == fork_server:  # forked workers run this, too
         shutil.rmtree(Path(address).parent, ignore_errors=True)
 
 

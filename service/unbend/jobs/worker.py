@@ -31,6 +31,7 @@ from unbend.mesh.correspondence import at_given_vertices, surface_vertex
 from unbend.mesh.limits import MeshLimits
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
+from unbend.mesh.shapes import sheet, torus
 from unbend.mesh.surface import Surface
 from unbend.mesh.write import write_mesh
 from unbend.progress import Progress
@@ -89,9 +90,9 @@ class Geodesics:
     """Length of the path."""
 
 
-def initialise(memory_bytes: int | None) -> None:
-    """Load the common kernels, so that jobs do not wait for them, and limit the process."""
-    warm_up()  # at the priority of the server, which is not ready before
+def initialise(memory_bytes: int | None, number: int = 0) -> None:
+    """Load the common kernels, so that jobs do not wait for them, and limit the process; `number` is its place."""
+    warm_up(number)  # at the priority of the server, which is not ready before
     limit_process(memory_bytes)
 
 
@@ -262,17 +263,45 @@ def library_evaluation(library_url: str, measure: str, parameters: Parameters | 
     return _library(library_url).evaluation(measure, parameters=parameters).as_dict()
 
 
-def warm_up() -> None:
-    """Compile or load the kernels of signatures, measures and pictures, with two small meshes."""
-    surfaces = [read_mesh(_TETRAHEDRON.format(height=height).encode()) for height in (1, 2)]
+def warm_up(first: int = 0) -> None:
+    """Compile or load the common kernels, with small meshes.
+
+    Parameters
+    ----------
+    first : int
+        The first part of the work, counted in a circle. Processes that begin with different parts, and then do the
+        others, do not compile the same kernels at the same time: each loads what another has compiled.
+    """
+    parts = (_warm_up_signatures, _warm_up_parts, _warm_up_paths)
+    for number in range(len(parts)):
+        parts[(first + number) % len(parts)]()
+
+
+def _warm_up_signatures() -> None:
+    """Signatures, measures and pictures."""
+    surfaces = _tetrahedra()
     first, second = (compute_signature(surface, threads=1) for surface in surfaces)
     for measure in MEASURES:
         compare(first, second, measure)
-    parts = [local_signatures(surface, centres=8, threads=1) for surface in surfaces]
-    search_parts(parts[0], [profiles_of(parts[1])], lambda _rows: parts[1:])
     surface, form, _ = simplified_form(surfaces[0], first, MOST_FACES)
-    render_picture(PictureRequest(width=32, height=32, subject="both", distances_from=0), surface, form, threads=1)
-    geodesic_path(surface, 0, 1)
+    request = PictureRequest(width=32, height=32, subject="both", distances_from=0, contours=True, path=(0, 1))
+    render_picture(request, surface, form, threads=1)
+    thin, ring = sheet(columns=9, rows=7), torus(minor=0.4, columns=14, rows=8)
+    for vertices, faces in ((thin.vertices * [1.0, 0.02, 1.0], thin.faces), (ring.vertices, ring.faces)):
+        compute_signature(read_mesh((vertices, faces)), threads=1)  # narrow triangles, and obtuse ones
+
+
+def _warm_up_parts() -> None:
+    parts = [local_signatures(surface, centres=8, threads=1) for surface in _tetrahedra()]
+    search_parts(parts[0], [profiles_of(parts[1])], lambda _rows: parts[1:])
+
+
+def _warm_up_paths() -> None:
+    geodesic_path(_tetrahedra()[0], 0, 1)
+
+
+def _tetrahedra() -> list[Surface]:
+    return [read_mesh(_TETRAHEDRON.format(height=height).encode()) for height in (1, 2)]
 
 
 def _read(mesh: StoredMesh) -> Surface:

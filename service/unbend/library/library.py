@@ -203,7 +203,9 @@ class Library:
             return False
         return True
 
-    def __contains__(self, shape_id: object) -> bool:
+    def __contains__(self, shape: object) -> bool:
+        """Return whether a shape, or a shape of this id, is stored."""
+        shape_id = shape.id if isinstance(shape, ShapeRecord) else shape
         return isinstance(shape_id, str) and self.has(shape_id)
 
     def count(self) -> int:
@@ -315,14 +317,16 @@ class Library:
             The id of a stored shape, which is then not among the results; or a mesh, which is not stored; or its
             signature.
         measure : str
-            A measure of whole shapes (`rigid`, `hausdorff`, `max_hausdorff`, `reeb`) reorders the shapes that are
-            nearest by the default measure. Classes are then ranked by the default measure. A measure of parts
-            (`partial`, `partial_any_scale`) ranks wholes for a piece and pieces for a whole; a signature needs
-            `compute_signature(..., local=True)` for it.
-        classifier : str
-            The rule that turns distances from shapes into distances from classes.
+            `spectrum` by default, the best for whole shapes; `combined`, `moments`, `distribution`, `dimension` and
+            `surface_moments` compare other descriptors. A measure of whole shapes (`rigid`, `hausdorff`,
+            `max_hausdorff`, `reeb`) reorders the shapes that are nearest by the default measure. Classes are then
+            ranked by the default measure. A measure of parts (`partial`, `partial_any_scale`) ranks wholes for a piece
+            and pieces for a whole; a signature needs `compute_signature(..., local=True)` for it.
+        classifier : {"nearest", "vote", "mean", "discriminants"}
+            The rule that turns distances from shapes into distances from classes: the nearest shape, a vote of near
+            ones, the mean of the class, or linear discriminants.
         k : int
-            Number of shapes to return; all classes are returned.
+            Number of shapes to return, at most 100 for a measure of whole shapes; all classes are returned.
         parameters, policy : optional
             As for `add`, for a query that is a mesh.
 

@@ -64,8 +64,8 @@ def read_mesh(
         If the mesh has no usable surface, or the policy does not allow it.
     ParameterError
         If `source` is none of these.
-    OSError
-        If a path cannot be read.
+    MeshFileError
+        If a file cannot be opened; MeshMissingError if there is none.
 
     Examples
     --------

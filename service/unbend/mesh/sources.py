@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from unbend.brief import brief, counted
-from unbend.errors import ParameterError
+from unbend.errors import MeshFileError, MeshMissingError, ParameterError
 from unbend.mesh.formats.ply import write_exactly
 from unbend.mesh.formats.polygons import triangulated
 from unbend.mesh.limits import UNLIMITED
@@ -116,16 +116,26 @@ def bytes_of(source: MeshSource) -> MeshBytes:
         If arrays have wrong shapes, or an index is out of range.
     ParameterError
         If `source` is no mesh.
-    OSError
-        If a file cannot be read.
+    MeshFileError
+        If a file cannot be opened; MeshMissingError if there is none.
     """
     if isinstance(source, bytes | bytearray | memoryview):
         return MeshBytes(bytes(source))
     if isinstance(source, str | PathLike):
         path = Path(source)
-        return MeshBytes(path.read_bytes(), path.name)
+        with opened(path) as file:
+            return MeshBytes(file.read(), path.name)
     mesh = arrays_of(source)
     return MeshBytes(write_exactly(mesh.vertices, mesh.faces)) if mesh else _read(source)
+
+
+def opened(path: Path) -> BinaryIO:
+    """Open the file of a mesh; MeshFileError if it cannot be opened, MeshMissingError if there is none."""
+    try:
+        return path.open("rb")
+    except OSError as error:
+        kind = MeshMissingError if isinstance(error, FileNotFoundError) else MeshFileError
+        raise kind(error.errno, error.strerror, str(path)) from None
 
 
 def _read(file: Any) -> MeshBytes:

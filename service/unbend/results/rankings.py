@@ -147,5 +147,7 @@ def shape_id_of(query: object) -> str | None:
     except OSError:  # longer than any path, such as the text of a mesh
         exists = False
     if not exists:
-        raise NotFoundError(f"{query[:_SHOWN]!r} is neither the id of a stored shape nor a file")
+        error = NotFoundError(f"{query[:_SHOWN]!r} is neither the id of a stored shape nor a file")
+        error.advice = "Check the path or the id."
+        raise error
     return None

@@ -107,7 +107,8 @@ class AddedShape(ShapeRecord):
     """Fields that a stored shape took."""
 
     def __repr__(self) -> str:
-        return brief(self, *self._facts(), "" if self.is_new else "stored before")
+        kept = f"ignored {', '.join(self.ignored)}" if self.ignored else ""
+        return brief(self, *self._facts(), "" if self.is_new else "stored before", kept)
 
     @classmethod
     def of(cls, shape: ShapeRecord, *, is_new: bool, ignored: Sequence[str] = (), updated: Sequence[str] = ()) -> Self:

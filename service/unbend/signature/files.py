@@ -74,6 +74,8 @@ def load_signature(source: bytes | str | PathLike[str]) -> Signature:
     name = "the file" if isinstance(source, bytes) else str(source)
     try:
         return signature_from_dict(_members_of_npz(data) if zipfile.is_zipfile(io.BytesIO(data)) else json.loads(data))
+    except (json.JSONDecodeError, UnicodeDecodeError):
+        raise ParameterError(f"{name} is no signature file: it is neither npz nor JSON") from None
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise ParameterError(f"{name} is no signature, or it is damaged: {error}") from error
 

@@ -12,7 +12,7 @@ import click
 
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
-from unbend.cli.terminal import announce_compilation, print_error, progress, warn_of
+from unbend.cli.terminal import prepare_kernels, print_error, progress, warn_of
 from unbend.errors import UnbendError
 from unbend.mesh.policy import MeshPolicy
 
@@ -76,7 +76,7 @@ def compute_files(
 
     Errors are printed, and other files are still computed.
     """
-    announce_compilation(in_processes=True)
+    prepare_kernels()
     computed = _computed(files, parameters, policy, machine, picture)
     with progress(computed, "computing signatures", len(files)) as bar:
         found = dict(bar)

@@ -58,6 +58,7 @@ class Store:
         self.disk = LibraryDisk(sqlite_file(url).absolute(), self._unused_bytes) if has_file else None
         self._writer: Writer | None = None
         self._writer_lock = threading.Lock()
+        self._is_closed = False
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -83,6 +84,8 @@ class Store:
         if self._is_in_memory:  # an in-memory database belongs to one thread
             return _completed(partial(_Transactions(self).single, change))
         with self._writer_lock:
+            if self._is_closed:
+                raise StoreError("the library is closed")
             if self._writer is None:
                 self._writer = Writer(_Transactions(self))
             return self._writer.submit(change)
@@ -92,7 +95,12 @@ class Store:
         return self.submit(change).result()
 
     def check(self) -> None:
-        """Raise StoreLostError if the library's file was removed or replaced since it was opened."""
+        """Raise StoreLostError if the library's file was removed or replaced since it was opened.
+
+        A closed store raises StoreError.
+        """
+        if self._is_closed:
+            raise StoreError("the library is closed")
         if self.disk:
             self.disk.check()
 
@@ -139,6 +147,7 @@ class Store:
         with self._writer_lock:
             if self._writer:
                 self._writer.close()
+            self._is_closed = True
         if self._eraser:
             self._eraser.close()
         if self._cache:

@@ -139,9 +139,9 @@ def prepare_kernels() -> None:
 
     if not is_compiled(march):
         warn(_COMPILING)
-        from unbend.jobs.batch import compile_kernels  # noqa: PLC0415
+        from unbend.jobs.kernels import compile_common_kernels  # noqa: PLC0415
 
-        compile_kernels()
+        compile_common_kernels()
     if not is_quiet():
         context.find_root().call_on_close(on_compilation(lambda: print_error(_COMPILING_MORE)))
 

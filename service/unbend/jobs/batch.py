@@ -19,7 +19,6 @@ from unbend.errors import MeshReadError, UnbendError
 from unbend.jobs.failures import typed_error
 from unbend.jobs.limits import JobLimits, limit_process
 from unbend.jobs.process import WorkerProcess
-from unbend.jobs.worker import warm_up
 from unbend.library.requests import UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.mesh.policy import MeshPolicy
@@ -247,13 +246,6 @@ def compute_each(
             for place, future in ready:
                 outcome = outcome_of(future)
                 yield place, outcome
-
-
-def compile_kernels() -> None:
-    """Compile or load the common kernels in two processes, which share the work."""
-    with Batch(min(2, available_cores())) as batch:
-        for done in [batch.submit(warm_up, number) for number in range(batch.size)]:
-            done.result()
 
 
 def outcome_of(future: Future[T]) -> T | UnbendError:

@@ -26,6 +26,7 @@ from unbend.geodesics.contours import iso_contours
 from unbend.geodesics.distances import Update
 from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs import worker
+from unbend.jobs.batch import Batch
 from unbend.jobs.worker import StoredMesh
 from unbend.library import Library
 from unbend.library.requests import RANKING_MEASURES, FileCall, FileRequest, QueryRequest
@@ -47,14 +48,23 @@ from unbend.results.maps import MapDistance
 from unbend.results.shapes import ShapeRecord
 from unbend.signature.parameters import Parameters, Scaling
 from unbend.signature.signature import Signature
+from unbend.threads import available_cores
 
 _PARAMETERS: Final = Parameters(samples=24)
 _LIMITS: Final = MeshLimits()
 _PIXELS: Final = 32
 
 
+def compile_common_kernels() -> None:
+    """Compile the kernels of `worker.warm_up` in two processes, which share the work: about a minute."""
+    with Batch(min(2, available_cores())) as batch:
+        for done in [batch.submit(worker.warm_up, number) for number in range(batch.size)]:
+            done.result()
+
+
 def compile_kernels() -> None:
     """Compile every kernel, or load it if the cache has it; a minute or two without a cache."""
+    compile_common_kernels()
     worker.warm_up()
     with tempfile.TemporaryDirectory() as folder, Library(str(Path(folder, "kernels.db"))) as library:
         shapes = [

@@ -40,6 +40,9 @@ _START_LOCK: Final = threading.Lock()
 
 _END_SECONDS: Final = 10.0
 
+_FORK_SECONDS: Final = 300.0
+"""A fork server that does not start a worker within this time is replaced. Its own start takes seconds."""
+
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that a worker ignores. The server ends its workers itself, once their jobs are done."""
 
@@ -218,7 +221,7 @@ class WorkerProcess:
             # This process has threads, so it must not be forked itself.
             kind = ForkServerProcess if start_fork_server() else SpawnProcess
             process = kind(target=_serve, args=(theirs, self._initialise), daemon=True)
-            with _signals_blocked(), _alarm(self._silent_seconds, _kill_fork_server):
+            with _signals_blocked(), _alarm(_FORK_SECONDS, _kill_fork_server):
                 process.start()
             self._child, self._is_ready = _Child(process, ours), False
         theirs.close()  # the pipe then closes when the process ends

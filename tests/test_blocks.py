@@ -72,7 +72,10 @@ class Place:
         """Return a block with this server's address, ids and folders in the place of those of the page."""
         text = re.sub(r"http://127\.0\.0\.1:800\d", self.server.url, text)
         text = re.sub(r"(?<=/jobs/)(?:\{id\}|JOB_ID)", job["id"], text)
-        text = re.sub(r"(?<=/shapes/)(?:\{id\}|SHAPE_ID)", job["shape_id"], text)
+        text = re.sub(r"(?<=/shapes/)\{id\}|SHAPE_ID", job["shape_id"], text)
+        if "OTHER_ID" in text:
+            with self.server.http() as http:
+                text = text.replace("OTHER_ID", http.get("/v1/shapes").json()["items"][0]["id"])
         for written, meant in MEANT.items():
             text = text.replace(written, meant)
         return text

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import json
+import re
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import cast
 from urllib.parse import urlsplit
 
 import httpx
@@ -13,6 +17,9 @@ import pytest
 
 from tests.support.problem import check
 from tests.support.server import SAMPLES, post_mesh, slow_mesh, small_mesh, stored
+from unbend.api.routes.health import readyz
+from unbend.api.schema.problems import ProblemError
+from unbend.api.server.service import Service
 
 FEW = json.dumps(SAMPLES)
 
@@ -45,7 +52,9 @@ def test_an_unsupported_method_is_refused_with_the_allowed_methods(http_client, 
     if method == "HEAD":
         assert (response.status_code, response.content) == (405, b"")
     else:
-        assert method in check(response, 405, "method_not_allowed")["detail"]
+        problem = check(response, 405, "method_not_allowed")
+        assert method in problem["detail"]
+        assert "Allow" in problem["advice"]
     assert response.headers["allow"] == allowed
     reported = http_client.options(path)
     assert (reported.status_code, reported.content, reported.headers["allow"]) == (204, b"", allowed)
@@ -83,7 +92,8 @@ def test_a_file_of_an_unsupported_format_is_refused(http_client):
 
 def test_an_unsupported_response_format_is_not_acceptable(http_client):
     shape = stored(http_client, small_mesh(240), parameters=FEW)
-    check(http_client.get(f"/v1/shapes/{shape['id']}/mesh", headers={"Accept": "text/html"}), 406, "not_acceptable")
+    response = http_client.get(f"/v1/shapes/{shape['id']}/mesh", headers={"Accept": "text/html"})
+    assert "Accept" in check(response, 406, "not_acceptable")["advice"]
 
 
 @pytest.mark.parametrize(
@@ -97,6 +107,7 @@ def test_a_body_of_the_wrong_media_type_is_unsupported(http_client, method, path
         http_client.request(method, path, content=b"name=x", headers=headers), 415, "unsupported_media_type"
     )
     assert kind in problem["detail"]
+    assert kind in problem["advice"]
 
 
 def test_invalid_fields_of_a_request_are_named(http_client):
@@ -108,6 +119,88 @@ def test_invalid_fields_of_a_request_are_named(http_client):
     assert [item["field"] for item in problem["errors"]] == ["body.label"]
     problem = check(http_client.get("/v1/jobs", params={"state": "lost", "limit": 0}), 422, "request_invalid")
     assert {item["field"] for item in problem["errors"]} == {"query.state", "query.limit"}
+
+
+FILE_FORMS = ["/v1/shapes", "/v1/queries", "/v1/views"]
+
+
+@pytest.mark.parametrize("path", FILE_FORMS)
+def test_a_file_that_is_sent_as_text_is_refused_with_advice(http_client, path):
+    problem = check(http_client.post(path, files={"file": (None, "justtext")}), 422, "request_invalid")
+    assert problem["errors"] == [{"field": "body.file", "message": "this is text, not a file"}]
+    assert "file=@" in problem["advice"]
+
+
+@pytest.mark.parametrize("path", FILE_FORMS)
+def test_a_file_in_an_unknown_field_is_named(http_client, path):
+    problem = check(http_client.post(path, files={"mesh": ("cat.ply", small_mesh(241))}), 422, "request_invalid")
+    assert {item["field"]: item["message"] for item in problem["errors"]} == {
+        "body.file": "a file is required",
+        "body.mesh": "there is no such field",
+    }
+    assert "file=@" in problem["advice"]
+    assert "The fields are" in problem["advice"]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [
+        ("PATCH", "/v1/shapes/x", {"labl": "cat"}),
+        ("POST", "/v1/queries", {"shape_id": "x", "labl": "cat"}),
+        ("POST", "/v1/matches", {"a": "x", "b": "y", "labl": "cat"}),
+        ("GET", "/v1/shapes?labl=cat", None),
+    ],
+)
+def test_an_unknown_field_has_one_message_everywhere(http_client, method, path, body):
+    problem = check(http_client.request(method, path, json=body), 422, "request_invalid")
+    assert [item["message"] for item in problem["errors"]] == ["there is no such field"]
+    assert problem["advice"]
+
+
+@pytest.mark.parametrize(
+    "query", ["shapes?cursor=foo", "jobs?cursor=foo", "jobs?shape_id=foo", "shapes?sha256=foo", "jobs?state=foo"]
+)
+def test_messages_contain_no_patterns(http_client, query):
+    problem = check(http_client.get(f"/v1/{query}"), 422, "request_invalid")
+    assert not re.search(r"\^|\[|pattern|Value error", problem["detail"])
+    assert "should" in problem["detail"]
+
+
+def test_a_time_without_offset_is_refused_in_plain_words(http_client):
+    problem = check(http_client.delete("/v1/jobs", params={"before": "2026"}), 422, "request_invalid")
+    assert problem["detail"].startswith("query.before: should be an instant")
+
+
+@pytest.mark.parametrize("size", [10, 100_000])
+def test_a_mesh_without_a_form_is_refused_with_advice_to_send_a_form(http_client, size):
+    headers = {"Content-Type": "application/x-www-form-urlencoded"}  # as `curl --data-binary` sends it
+    response = http_client.post("/v1/shapes", content=bytes(size), headers=headers)
+    status, code = (415, "unsupported_media_type") if size < 2**16 else (413, "upload_too_large")
+    assert "multipart/form-data" in check(response, status, code)["advice"]
+
+
+def test_a_vertex_that_the_file_does_not_have_is_refused_with_the_numbers_that_it_has(http_client):
+    shape = stored(http_client, small_mesh(240), parameters=FEW)
+    response = http_client.get(f"/v1/shapes/{shape['id']}/geodesics", params={"source": 99999})
+    assert "0 to 59" in check(response, 409, "unsuited")["advice"]
+
+
+def test_a_starting_server_says_that_jobs_wait():
+    runner = SimpleNamespace(alive=True, ready=False)
+    with pytest.raises(ProblemError) as caught:
+        asyncio.run(readyz(cast("Service", SimpleNamespace(runner=runner))))
+    problem = caught.value.problem
+    assert problem.status == 503
+    assert "compile" in problem.detail
+    assert "jobs wait" in problem.detail
+    assert problem.advice
+
+
+def test_a_response_without_content_has_no_content_type(http_client):
+    shape = stored(http_client, small_mesh(243), parameters=FEW)
+    response = http_client.delete(f"/v1/shapes/{shape['id']}")
+    assert (response.status_code, response.content) == (204, b"")
+    assert "content-type" not in response.headers
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from tests.support.server import (
     medium_mesh,
     post_mesh,
     small_mesh,
+    stored,
 )
 from unbend import Library
 
@@ -98,6 +99,19 @@ def test_a_request_repeated_with_its_idempotency_key_runs_once(tmp_path):
     with Server(tmp_path, workers=1, ready=False) as server, server.http() as http:
         assert http.post("/v1/shapes", **form, headers=names).json()["id"] == first.json()["id"]
         assert len(http.get("/v1/jobs").json()["items"]) == 1
+
+
+def test_an_upload_that_is_stored_already_keeps_no_idempotency_key(tmp_path):
+    names = {"Idempotency-Key": "a-name-of-mine"}
+    with Server(tmp_path, workers=1) as server, server.http() as http:
+        shape = stored(http, small_mesh(0), parameters=FEW)
+        known = {"files": {"file": ("m.ply", small_mesh(0))}, "data": {"parameters": FEW}}
+        for _ in range(2):
+            response = http.post("/v1/shapes", **known, headers=names)
+            assert (response.status_code, response.json()["id"]) == (200, shape["id"])
+        other = {"files": {"file": ("m.ply", small_mesh(1))}, "data": {"parameters": FEW}}
+        ended(http, http.post("/v1/shapes", **other, headers=names))
+        check(http.post("/v1/shapes", **known, headers=names), 409, "idempotency_mismatch")
 
 
 @pytest.fixture

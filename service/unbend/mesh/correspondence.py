@@ -24,10 +24,14 @@ def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
     """
     count = len(surface.vertices if surface.vertex_map is None else surface.vertex_map)
     if not 0 <= vertex < count:
-        raise UnsuitedError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}")
+        error = UnsuitedError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}")
+        error.advice = f"Give a vertex of the file: a number from 0 to {count - 1}."
+        raise error
     place = vertex if surface.vertex_map is None else int(surface.vertex_map[vertex])
     if place < 0:
-        raise UnsuitedError(f"{what}: vertex {vertex} was removed when the mesh was simplified")
+        error = UnsuitedError(f"{what}: vertex {vertex} was removed when the mesh was simplified")
+        error.advice = "Give another vertex of the file."
+        raise error
     return place
 
 

@@ -94,7 +94,9 @@ def test_a_mesh_file_can_be_downloaded_whole_and_in_ranges(server, large):
             assert part.content == data[begin:stop]
         for beyond in (f"bytes={len(data)}-", "bytes=-0", "bytes=9-3"):
             refused = http.get(path, headers={"Range": beyond})
-            assert refused.status_code == 416
+            problem = check(refused, 416, "range_not_satisfiable")
+            assert f"{len(data)} bytes" in problem["detail"]
+            assert f"0 to {len(data) - 1}" in problem["advice"]
             assert refused.headers["content-range"] == f"bytes */{len(data)}"
         for whole_again in ("bytes=0-1,3-4", "lines=0-1", "bytes=-", "nonsense"):
             assert http.get(path, headers={"Range": whole_again}).content == data

@@ -10,7 +10,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from unbend.api.schema.problems import Problem, answer, headers_of, of_error, of_status, respond
+from unbend.api.schema.problems import SEND_FILE, Problem, answer, headers_of, of_error, of_status, respond
 from unbend.api.server.settings import BodyLimits
 from unbend.errors import BusyError, StoreError, UnbendError, UploadTooLargeError, UploadTooSlowError
 
@@ -105,7 +105,9 @@ class BodyLimit:
     def _too_large(self, headers: Headers) -> UploadTooLargeError:
         if _is_upload(headers):
             return UploadTooLargeError(f"the request has more than {self._limits.each // 2**20} megabytes")
-        return UploadTooLargeError(f"a request without a file has more than {self._limits.json // 2**10} kilobytes")
+        error = UploadTooLargeError(f"a request without a file has more than {self._limits.json // 2**10} kilobytes")
+        error.advice = f"{SEND_FILE} For other requests, send less, or raise UNBEND_MAX_JSON_KB."
+        return error
 
 
 class Framing:

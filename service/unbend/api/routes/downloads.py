@@ -9,12 +9,12 @@ from functools import partial
 from typing import Any, Final, Literal, get_args
 from urllib.parse import quote
 
-from fastapi import HTTPException, Request, Response
+from fastapi import Request, Response
 from starlette.datastructures import Headers
 from starlette.responses import StreamingResponse
 
 from unbend.api.middleware.methods import HEAD
-from unbend.api.schema.problems import MediaTypeError
+from unbend.api.schema.problems import MediaTypeError, ProblemError
 from unbend.mesh.formats import FORMATS, WrittenFormat
 from unbend.results.shapes import ShapeRecord
 
@@ -73,7 +73,11 @@ def choose_format(
     names = dict.fromkeys((default, *served))  # of equal weights, the first counts
     best = max(names, key=lambda name: _quality(ranges, name, default))
     if not _quality(ranges, best, default):
-        raise HTTPException(406, f"the available formats are {', '.join(MEDIA_TYPES[name] for name in names)}")
+        raise ProblemError(
+            406,
+            f"the available formats are {', '.join(MEDIA_TYPES[name] for name in names)}",
+            "Leave out the header Accept, or name one of these formats in it.",
+        )
     return best
 
 
@@ -158,7 +162,12 @@ def send_file(request: Request, read: Read, size: int, sha256: str, headers: dic
     else:
         status, (begin, end) = 206, part
         if begin >= end:
-            return Response(status_code=416, headers={"Content-Range": f"bytes */{size}"})
+            raise ProblemError(
+                416,
+                f"the range is outside the file, which has {size} bytes",
+                f"Ask for bytes from 0 to {size - 1}, or leave out the header Range.",
+                {"Content-Range": f"bytes */{size}"},
+            )
         headers["Content-Range"] = f"bytes {begin}-{end - 1}/{size}"
     headers["Content-Length"] = str(end - begin)
     if request.scope.get(HEAD):

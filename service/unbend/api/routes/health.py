@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, HTTPException, Response
+from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from unbend.api.schema.models import Capacity, Health
-from unbend.api.schema.problems import problem_responses
+from unbend.api.schema.problems import ProblemError, problem_responses
 from unbend.api.server.service import ServiceDependency
 from unbend.errors import StoreError
 
@@ -17,19 +17,28 @@ router = APIRouter(tags=["health"])
 async def livez(service: ServiceDependency) -> Health:
     """Respond 200 while the server claims jobs from the queue; otherwise it should be restarted."""
     if not service.runner.alive:
-        raise HTTPException(503, "the dispatcher has died")
+        raise ProblemError(503, "the dispatcher has died", "Restart the server.")
     return Health()
 
 
 @router.get("/readyz", responses=problem_responses(503))
 async def readyz(service: ServiceDependency) -> Health:
-    """Respond 200 while the server accepts uploads: the workers are ready, and the library can be written."""
+    """Respond 200 once jobs can start: the workers have loaded their kernels, and the library can be written.
+
+    A starting server accepts uploads earlier; their jobs wait.
+    """
+    if not service.runner.alive:
+        raise ProblemError(503, "no job can start: the workers or the dispatcher failed", "Restart the server.")
     if not service.runner.ready:
-        raise HTTPException(503, "the workers are not ready")
+        raise ProblemError(
+            503,
+            "the workers load or compile their kernels; uploads are accepted, and their jobs wait",
+            "Ask again in a few seconds; compiling takes about a minute.",
+        )
     try:
         service.library.check_writable()
     except StoreError as error:
-        raise HTTPException(503, str(error)) from None
+        raise ProblemError(503, str(error), error.advice) from None
     return Health()
 
 

@@ -22,7 +22,7 @@ from unbend.api.routes.events import (
     parse_id,
 )
 from unbend.api.routes.senders import may_see, must_see, owner_of
-from unbend.api.schema.fields import JobId, as_instant
+from unbend.api.schema.fields import CURSOR, EXACT_ID, JobId, as_instant
 from unbend.api.schema.headers import DISPOSITION
 from unbend.api.schema.links import job_links, next_page, shape_links
 from unbend.api.schema.models import Forgotten, Job, JobList, JobSummary
@@ -49,10 +49,8 @@ async def list_jobs(
     request: Request,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
     kind: Annotated[JobKind | None, Query(description="Only jobs of this kind.")] = None,
-    shape_id: Annotated[str | None, Query(pattern=r"^[0-9a-f]{32}$", description="Only jobs of this shape.")] = None,
-    cursor: Annotated[
-        str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
-    ] = None,
+    shape_id: Annotated[str | None, Query(pattern=EXACT_ID, description="Only jobs of this shape.")] = None,
+    cursor: Annotated[str | None, Query(pattern=CURSOR, description="`next_cursor` of the page before.")] = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> JobList:
     """List jobs without their results, the newest first."""

@@ -12,7 +12,7 @@ from pydantic import WithJsonSchema
 
 from unbend.api.routes.downloads import is_known, sends
 from unbend.api.routes.shapes import lane_of, stored_mesh
-from unbend.api.routes.unknown_fields import refuse_others
+from unbend.api.routes.unknown_fields import form_of
 from unbend.api.routes.uploads import read_upload
 from unbend.api.schema.fields import FILE, FILE_ENCODING, ParametersText, PolicyText, ShapeId
 from unbend.api.schema.headers import ETAG
@@ -107,17 +107,15 @@ async def get_view(
         **problem_responses(415, 422, 429, 504, 507),
     },
     openapi_extra={"requestBody": {"content": {"multipart/form-data": {"encoding": FILE_ENCODING}}}},
-    dependencies=[Depends(sends("multipart/form-data"))],
+    dependencies=[Depends(sends("multipart/form-data")), Depends(form_of(frozenset({"file", "parameters", "policy"})))],
 )
 async def view_file(
     service: ServiceDependency,
-    request: Request,
     file: Annotated[UploadFile, File(), WithJsonSchema(FILE)],
     parameters: Annotated[ParametersText, Form()] = None,
     policy: Annotated[PolicyText, Form()] = None,
 ) -> Response:
     """Return the view of a mesh that is not stored: the glb file that `GET /shapes/{shape_id}/view` describes."""
-    refuse_others("body", await request.form(), frozenset({"file", "parameters", "policy"}))
     upload = await read_upload(file, parameters, policy)
     data = await service.runner.call(
         viewer_file_of, upload.data, upload.file_type, upload.parameters, upload.policy, service.settings.limits.mesh,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Final, TypeVar, cast
 
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -14,6 +14,7 @@ from starlette.datastructures import FormData, UploadFile
 
 from unbend.api.routes.jobs import MAX_WAIT_SECONDS, accepted
 from unbend.api.routes.senders import IdempotencyKey, key_of, sender_of
+from unbend.api.routes.unknown_fields import check_form
 from unbend.api.routes.uploads import read_upload
 from unbend.api.schema.fields import (
     FILE,
@@ -56,6 +57,7 @@ class FileQuery(BaseModel):
     callback: str = Field("", max_length=2000, description="A URL that is called when the job ends.")
 
 
+_FORM: Final = frozenset({"file", *FileQuery.model_fields})
 _FILE_SCHEMA = FileQuery.model_json_schema()
 _BODY = {
     "requestBody": {
@@ -115,9 +117,8 @@ async def _by_shape(service: Service, given: ShapeQuery) -> Response:
 
 
 async def _by_file(service: Service, request: Request, form: FormData, wait: float) -> Response:
-    file = form.get("file")
-    if not isinstance(file, UploadFile):
-        raise _invalid(("body", "file"), "a file is required")
+    check_form(form, _FORM)
+    file = cast("UploadFile", form["file"])
     given = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
     query_request = _request(given)
     upload = await read_upload(file, given.parameters, given.policy)
@@ -177,7 +178,3 @@ def _validated(model: type[M], values: bytes | dict[str, Any]) -> M:
             {**item, "loc": ("body", *item["loc"])} for item in error.errors(include_url=False, include_input=False)
         ]
         raise RequestValidationError(details) from None
-
-
-def _invalid(location: tuple[str, ...], message: str) -> RequestValidationError:
-    return RequestValidationError([{"type": "missing", "loc": location, "msg": message, "input": None}])

@@ -11,6 +11,7 @@ from typing import Annotated, Final
 from fastapi import Header, Request
 
 from unbend.api.context import KEY
+from unbend.api.schema.fields import VISIBLE_NAME
 from unbend.api.server.service import service_of
 from unbend.api.server.webhooks import check_callback
 from unbend.errors import NotFoundError, ParameterError
@@ -19,14 +20,14 @@ from unbend.library.keys import KeyRecord
 from unbend.library.records import JobRecord
 from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upload, kind_of
 
-_VALID_NAME: Final = re.compile(r"[\x21-\x7e]{1,255}")
+_VALID_NAME: Final = re.compile(VISIBLE_NAME.strip("^$"))
 
 IdempotencyKey = Annotated[
     str | None,
     Header(
         description="A unique name of this request, 1 to 255 visible characters. Repeating the request with it within "
-        "24 hours returns the same job.",
-        pattern=r"^[\x21-\x7e]{1,255}$",
+        "24 hours returns the same job. Nothing is kept of a request that made no job.",
+        pattern=VISIBLE_NAME,
     ),
 ]
 

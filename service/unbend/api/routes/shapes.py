@@ -27,9 +27,18 @@ from unbend.api.routes.downloads import (
 )
 from unbend.api.routes.jobs import accepted
 from unbend.api.routes.senders import IdempotencyKey, key_of, sender_of
-from unbend.api.routes.unknown_fields import refuse_others
+from unbend.api.routes.unknown_fields import form_of
 from unbend.api.routes.uploads import default_name, parse_metadata, read_upload
-from unbend.api.schema.fields import FILE, FILE_ENCODING, MetadataText, ParametersText, PolicyText, ShapeId
+from unbend.api.schema.fields import (
+    CURSOR,
+    FILE,
+    FILE_ENCODING,
+    SHA256,
+    MetadataText,
+    ParametersText,
+    PolicyText,
+    ShapeId,
+)
 from unbend.api.schema.headers import DISPOSITION, ETAG, LOCATION
 from unbend.api.schema.links import job_links, next_page, shape_links
 from unbend.api.schema.models import Descriptors, Distances, Job, KnownShape, Shape, ShapeChanges, ShapePage
@@ -86,7 +95,7 @@ def _file_responses(*formats: str) -> dict[int | str, dict[str, Any]]:
         **problem_responses(409, 415, 422, 429),
     },
     openapi_extra={"requestBody": {"content": {"multipart/form-data": {"encoding": FILE_ENCODING}}}},
-    dependencies=[Depends(sends("multipart/form-data"))],
+    dependencies=[Depends(sends("multipart/form-data")), Depends(form_of(_FIELDS))],
 )
 async def upload_shape(
     service: ServiceDependency,
@@ -107,9 +116,9 @@ async def upload_shape(
     """Store a mesh and compute its signature.
 
     The response is the durable job that computes the signature. If the same bytes are stored already, with the same
-    parameters and policy, the response is the stored shape, and `ignored` names the fields that it did not take.
+    parameters and policy, the response is the stored shape, and `ignored` names the fields that it did not take. There
+    is no job then, so nothing is kept of its Idempotency-Key.
     """
-    refuse_others("body", await request.form(), _FIELDS)
     given = {"name": name or None, "label": label or None, "metadata": parse_metadata(metadata)}
     shape_request = ShapeRequest.of(default_name(file), given, if_known)
     upload = await read_upload(file, parameters, policy)
@@ -129,12 +138,12 @@ async def upload_shape(
 )
 def list_shapes(
     service: ServiceDependency,
-    label: Annotated[str | None, Query(description="Only shapes of this class.")] = None,
-    cursor: Annotated[
-        str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before.")
+    label: Annotated[
+        str | None, Query(description="Only shapes of this class. No filter finds shapes without a class.")
     ] = None,
+    cursor: Annotated[str | None, Query(pattern=CURSOR, description="`next_cursor` of the page before.")] = None,
     sha256: Annotated[
-        str | None, Query(pattern=r"^[0-9a-f]{64}$", description="Only shapes made from the file with this hash.")
+        str | None, Query(pattern=SHA256, description="Only shapes made from the file with this hash.")
     ] = None,
     name: Annotated[
         str | None, Query(max_length=MAX_TEXT, description="Only shapes whose name contains this text, in either case.")
@@ -199,10 +208,11 @@ async def remove_shape(
     request: Request,
     shape_id: ShapeId,
     if_match: IfMatch = None,  # noqa: ARG001
-) -> None:
+) -> Response:
     """Remove a shape: its record, signature, descriptors and file."""
     expected = expected_revisions(request.headers, shape_id)
     await service.library.shapes.remove_async(shape_id, expected)
+    return Response(status_code=204)
 
 
 @router.get(

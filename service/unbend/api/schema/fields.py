@@ -24,9 +24,22 @@ from unbend.mesh.formats import FORMATS
 from unbend.mesh.policy import FEWEST_VERTICES, MOST_ROUNDS, Components, Seams
 from unbend.signature.parameters import MAX_SAMPLES, MAX_SEED, FirstSample, Scaling
 
+CURSOR: Final = r"^[0-9]{1,18}$"
+SHA256: Final = r"^[0-9a-f]{64}$"
+EXACT_ID: Final = r"^[0-9a-f]{32}$"
+VISIBLE_NAME: Final = r"^[\x21-\x7e]{1,255}$"
+
+PATTERNS: Final = {
+    CURSOR: "should be the next_cursor of the page before",
+    SHA256: "should be a SHA-256 in 64 hexadecimal digits, in lower case",
+    EXACT_ID: "should be an id in 32 hexadecimal digits, in lower case",
+    VISIBLE_NAME: "should have 1 to 255 visible characters of ASCII",
+}
+"""Patterns of text, and what they mean."""
+
 EXAMPLE_ID: Final = "5f2b7c1e9a0d4c3f8e6a1b2c3d4e5f60"
 
-_ID: Final = {"type": "string", "pattern": "^[0-9a-f]{32}$", "examples": [EXAMPLE_ID]}
+_ID: Final = {"type": "string", "pattern": EXACT_ID, "examples": [EXAMPLE_ID]}
 
 Id = Annotated[str, WithJsonSchema(_ID)]
 """Id of a shape or a job. A malformed id gets 404, like any unknown id."""

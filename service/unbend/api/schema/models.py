@@ -180,7 +180,7 @@ class JobSummary(BaseModel):
     progress: float = Field(ge=0, le=1, examples=[0.42])
     detail: dict[str, float] = Field(
         description="Details of the running stage: `sample` of `samples`, `row` of `rows`, or `iteration` and "
-        "`stress`. `seconds` since the start of the job are updated every second.",
+        "`stress`. `seconds` since the worker began are updated every second. Empty until a worker begins.",
         examples=[{"row": 120, "rows": 300, "seconds": 4.2}],
     )
     position: int | None = Field(description="Number of jobs before this one in the queue; null once it runs.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any, Final
@@ -17,6 +17,7 @@ from starlette.exceptions import HTTPException
 
 from unbend import errors
 from unbend.api.context import CURRENT_REQUEST, REQUEST_ID
+from unbend.api.schema.fields import PATTERNS
 from unbend.api.schema.headers import headers_for
 
 logger = logging.getLogger("unbend.api")
@@ -81,15 +82,43 @@ class Problem(BaseModel):
     errors: list[FieldProblem] = Field(default_factory=list, description="The invalid fields.")
 
 
-class MediaTypeError(HTTPException):
-    """The 415 response to a body of a type that the endpoint does not accept."""
+class ProblemError(HTTPException):
+    """A response with this status, and with advice."""
+
+    def __init__(self, status: int, detail: str, advice: str, headers: dict[str, str] | None = None) -> None:
+        self.problem = of_status(status, detail).model_copy(update={"advice": advice})
+        super().__init__(status, detail, headers)
+
+
+class MediaTypeError(ProblemError):
+    """The 415 response to a body of a type that the endpoint does not accept; `taken` are sentences about its types."""
 
     def __init__(self, *taken: str) -> None:
-        super().__init__(415, f"send {' or '.join(taken)}")
+        advice = [text for kind, text in _SENDING.items() if any(each.startswith(kind) for each in taken)]
+        super().__init__(415, f"send {' or '.join(taken)}", " ".join(advice))
+
+
+SEND_FILE: Final = (
+    "Send the file as a part of a form (multipart/form-data) with a file name, as curl -F file=@PATH does."
+)
+
+_SENDING: Final = {
+    "multipart/form-data": SEND_FILE,
+    "application/json": "Send JSON with the header Content-Type: application/json.",
+}
+"""Advice to clients that send another type of body."""
 
 
 _ROUTING: Final = {404: "there is no resource at this path", 405: "the resource at this path does not support {method}"}
 """Messages that replace those of the router."""
+
+_ADVICE: Final = {404: "The page /docs lists all resources.", 405: "Use one of the methods in the header Allow."}
+"""Advice for the errors of the router."""
+
+NO_FIELD: Final = "there is no such field"
+
+_CORRECT: Final = "Correct what the message names; the page /docs of the server describes all fields."
+"""Advice for invalid fields that have no advice of their own."""
 
 _FULL: Final = "the folder for temporary files has no space for the request's body"
 
@@ -98,7 +127,7 @@ _SHOWN: Final = 10
 
 _SHOWN_TEXT: Final = 100
 
-_TITLES: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
+_TITLES: Final = {413: "Content Too Large", 416: "Range Not Satisfiable", 422: "Unprocessable Content"}
 """Titles of statuses whose names differ between versions of Python."""
 
 
@@ -180,13 +209,27 @@ async def _on_validation(_request: Request, error: Exception) -> JSONResponse:
         raise error
     found = error.errors()
     fields = [
-        FieldProblem(field=".".join(str(part)[:_SHOWN_TEXT] for part in item["loc"]), message=str(item["msg"]))
+        FieldProblem(field=".".join(str(part)[:_SHOWN_TEXT] for part in item["loc"]), message=_message(item))
         for item in found[:_SHOWN]
     ]
+    advice = dict.fromkeys(item.get("advice", _CORRECT) for item in found)
     detail = "; ".join(f"{item.field}: {item.message}" for item in fields)
     if len(found) > _SHOWN:
         detail += f"; and {len(found) - _SHOWN} more"
-    return answer(Problem(title=_title(422), status=422, detail=detail, code="request_invalid", errors=fields))
+    return answer(
+        Problem(
+            title=_title(422), status=422, detail=detail, code="request_invalid", advice=" ".join(advice), errors=fields
+        )
+    )
+
+
+def _message(item: Mapping[str, Any]) -> str:
+    """Return what is wrong with a field, without terms of the library that found it."""
+    if item["type"] == "extra_forbidden":
+        return NO_FIELD
+    if item["type"] == "string_pattern_mismatch":
+        return PATTERNS.get(item["ctx"]["pattern"], str(item["msg"]))
+    return str(item["msg"]).removeprefix("Value error, ")
 
 
 async def _on_http(request: Request, error: Exception) -> JSONResponse:
@@ -195,8 +238,12 @@ async def _on_http(request: Request, error: Exception) -> JSONResponse:
     if _is_full(error.__cause__) or _is_full(error.__context__):  # FastAPI hides this behind a 400
         return respond(errors.TemporaryFullError(_FULL))
     title, status = _title(error.status_code), error.status_code
-    detail = _ROUTING.get(status, "{}") if error.detail == title else "{}"
-    problem = getattr(error, "problem", None) or of_status(status, detail.format(error.detail, method=request.method))
+    problem: Problem | None = getattr(error, "problem", None)
+    if problem is None:
+        is_routing = error.detail == title
+        detail = _ROUTING.get(status, "{}") if is_routing else "{}"
+        problem = of_status(status, detail.format(error.detail, method=request.method))
+        problem.advice = _ADVICE.get(status, "") if is_routing else ""
     return answer(problem, dict(error.headers or {}))
 
 

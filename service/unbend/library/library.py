@@ -333,7 +333,8 @@ class Library:
         Returns
         -------
         Ranking
-            Only shapes whose signatures were computed with the query's parameters take part.
+            Only shapes whose signatures were computed with the query's parameters take part. If there are none, a
+            warning says which parameters the shapes have.
 
         Raises
         ------
@@ -412,7 +413,8 @@ class Library:
         Raises
         ------
         ParameterError
-            If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
+            If there is no such measure, or it does not compare vectors; UnsuitedError if no shape has these parameters,
+            or no class has two members.
         """
         return self.search.evaluation(measure, Parameters.of(parameters))
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from unbend.errors import UnsuitedError
 from unbend.library.requests import QueryRequest
+from unbend.library.search.incomparable import ADVICE, none_compares, why_none_compares
 from unbend.library.search.index import IndexKey, SearchIndex
 from unbend.library.search.overview import MapOptions, evaluation_of, map_of, select
 from unbend.library.search.parts import PartIndex, rank_parts
@@ -51,11 +55,18 @@ class Search:
         Raises
         ------
         ParameterError
-            If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
+            If there is no such measure, or it does not compare vectors; UnsuitedError if no shape has these parameters,
+            or no class has two members.
         """
         chosen = get_vector_measure(measure)
+        key = _key(chosen, parameters)
         with self._store.read() as connection:
-            snapshot = self._index.snapshot(connection, _key(chosen, parameters))
+            snapshot = self._index.snapshot(connection, key)
+            reason = "" if len(snapshot) else why_none_compares(connection, key.parameters, key.version)
+        if reason:
+            error = UnsuitedError(reason)
+            error.advice = ADVICE
+            raise error
         return evaluation_of(snapshot, chosen)
 
     def map(self, measure: str, parameters: Parameters | None, options: MapOptions) -> ShapeMap:
@@ -72,7 +83,9 @@ class Search:
                 self._index.snapshot(connection, _key(each, parameters)) for each in (chosen, SURFACE_MOMENTS)
             )
             selection = select(connection, by_measure, in_space, options.limit)
-        return map_of(selection, chosen, options)
+            key = _key(chosen, parameters)
+            reason = "" if selection.count else why_none_compares(connection, key.parameters, key.version)
+        return replace(map_of(selection, chosen, options), warnings=none_compares(reason))
 
 
 def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:

@@ -475,7 +475,7 @@ def test_a_pair_measure_chooses_the_nearest_of_the_whole_short_list(filled):
 
 
 def test_an_evaluation_without_labelled_shapes_is_refused(filled, library):
-    with pytest.raises(ParameterError, match="two members"):
+    with pytest.raises(ParameterError, match="no shape has the parameters"):
         filled[0].evaluate()
     with pytest.raises(ParameterError, match="two members"):
         library.evaluate(parameters=FEW)
@@ -568,5 +568,7 @@ def test_an_answer_without_shapes_says_which_parameters_they_have(filled, tmp_pa
         other.add(sheet(**GRID), parameters=Parameters(samples=30, seed=2))
         other.add(sheet(**GRID), parameters=Parameters(samples=30))
         (warning,) = other.rank(first).warnings
+        with pytest.raises(UnsuitedError, match=r"no class has two members.*; 1 of 3 shapes have the parameters"):
+            other.evaluation(parameters=FEW)
     assert "no other shape has the parameters of the query, samples=40 seed=0" in warning
     assert "1 shape has samples=30 seed=2" in warning

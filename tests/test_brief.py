@@ -9,6 +9,7 @@ import pytest
 
 import unbend
 from unbend import results
+from unbend.library.storage.database import shown_url
 from unbend.matching.class_map import class_map
 from unbend.matching.evaluate import evaluate
 from unbend.matching.measures import get_vector_measure
@@ -122,3 +123,19 @@ def test_a_report_counts_its_sentences():
     assert "components=2" in repr(surface.report)
     assert "1 warning" in repr(surface.report)
     assert repr(surface).endswith(", 1 warning)")
+
+
+def test_libraries_and_clients_name_their_place_and_never_fail(tmp_path):
+    path = str(tmp_path / "mine.db")
+    with unbend.Library(path) as library:
+        library.add(torus(columns=12, rows=6), label="ring", parameters={"samples": 30})
+        assert repr(library) == f"Library({path!r}, 1 shape, 1 class)"
+    assert repr(library) == f"Library({path!r}, closed)"
+    with unbend.Client("http://me:secret@127.0.0.1:9") as client:
+        assert repr(client) == "Client('http://127.0.0.1:9')"  # without a request
+    assert repr(client) == "Client('http://127.0.0.1:9', closed)"
+
+
+def test_an_address_is_shown_without_its_password():
+    assert shown_url("postgresql+psycopg://me:secret@host/shapes") == "postgresql+psycopg://me:***@host/shapes"
+    assert shown_url("/home/me/shapes.db") == "/home/me/shapes.db"

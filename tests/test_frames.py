@@ -115,6 +115,8 @@ def test_records_have_a_column_for_each_field_and_each_key_of_their_metadata(fil
     assert frame["metadata.faces"].tolist() == [len(surface.faces) for _, surface, _ in SHAPES]
     assert frame["report.file_type"].tolist() == ["ply"] * len(records)
     assert frame["parameters"][0] == records[0].parameters
+    (row,) = to_pandas(records[0]).to_dict(orient="records")  # of a single record, also of one that `add` returned
+    assert (row["id"], row["report.file_type"]) == (records[0].id, "ply")
     assert frame.groupby("label")["area"].count().to_dict() == {"sheet": 2, "sphere": 2}
     assert len(to_pandas([])) == 0
 

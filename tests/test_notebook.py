@@ -215,3 +215,22 @@ def test_nothing_is_drawn_before_a_notebook_shows_it():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[] True"
+
+
+def test_tiny_confidences_and_code_in_warnings_are_readable(ranking):
+    (match, *others) = ranking.classes
+    shown = replace(
+        ranking,
+        classes=[replace(match, confidence=0.987), *(replace(other, confidence=5.26e-16) for other in others)],
+        warnings=["ask with the measure `partial`", "a single ` stays"],
+    )
+    tree = parsed(ranking_html(shown))
+    classes, _ = tree.iter("tbody")
+    assert [texts(row, "td")[-1] for row in classes] == ["98.7 %", *["< 0.1 %"] * len(others)]
+    assert texts(tree, "code") == ["partial"]
+    assert texts(tree, "li")[1] == "a single ` stays"
+
+
+def test_an_empty_map_says_why(library):
+    tree = parsed(map_html(library.map(parameters=Parameters(samples=77))))
+    assert "no shape has the parameters of the query" in "".join(texts(tree, "li"))

@@ -27,6 +27,7 @@ NAMES = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
 SECONDS = 300
 """Longest time of a cell: its first run may compile kernels on a busy machine."""
 
+Execute = Callable[[str, dict[str, object]], tuple[Path, subprocess.CompletedProcess[str]]]
 Run = Callable[..., "Outputs"]
 
 
@@ -55,30 +56,52 @@ class Outputs:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def execute(tmp_path_factory: pytest.TempPathFactory) -> Execute:
     """A function that executes a notebook in a new folder, with Jupyter's own command, and a home without settings."""
     # Without them, matplotlib reads no style of the user's, IPython no profile, and Jupyter no other kernels.
     environment = {name: value for name, value in without_settings().items() if not is_the_users(name)}
     environment |= {name: str(tmp_path_factory.mktemp(name.lower())) for name in ("HOME", "TMPDIR")}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "service"), os.environ.get("PYTHONPATH")]))
+
+    def execute_one(name: str, values: dict[str, object]) -> tuple[Path, subprocess.CompletedProcess[str]]:
+        notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
+        for variable, value in values.items():
+            give(notebook, variable, value)
+        path = tmp_path_factory.mktemp(name) / f"{name}.ipynb"
+        nbformat.write(notebook, path)
+        command = [sys.executable, "-c", "from nbclient.cli import main; main()", str(path), "--inplace"]
+        command += [f"--timeout={SECONDS}", "--kernel_name=python3"]
+        return path, subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+    return execute_one
+
+
+@pytest.fixture(scope="module")
+def run(execute: Execute) -> Run:
+    """A function that executes a notebook, once for the same values, and returns its outputs."""
     done: dict[tuple[str, str], Outputs] = {}
 
-    def execute(name: str, **values: object) -> Outputs:
+    def succeed(name: str, **values: object) -> Outputs:
         key = (name, repr(values))
         if key not in done:
-            notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
-            for variable, value in values.items():
-                give(notebook, variable, value)
-            path = tmp_path_factory.mktemp(name) / f"{name}.ipynb"
-            nbformat.write(notebook, path)
-            command = [sys.executable, "-c", "from nbclient.cli import main; main()", str(path), "--inplace"]
-            command += [f"--timeout={SECONDS}", "--kernel_name=python3"]
-            result = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+            path, result = execute(name, values)
             assert result.returncode == 0, result.stderr
             done[key] = Outputs(nbformat.read(path, as_version=4))
         return done[key]
 
-    return execute
+    return succeed
+
+
+@pytest.fixture(scope="module")
+def fails(execute: Execute) -> Callable[..., str]:
+    """A function that executes a notebook that ends with an error, and returns what it says."""
+
+    def fail(name: str, **values: object) -> str:
+        _, result = execute(name, values)
+        assert result.returncode != 0
+        return result.stderr
+
+    return fail
 
 
 def is_the_users(name: str) -> bool:
@@ -145,12 +168,33 @@ def test_a_folder_of_the_readers_is_classified(run, tmp_path):
         for number, surface in enumerate(surfaces):
             (tmp_path / label / f"{number}.off").write_bytes(write_mesh(surface.vertices, surface.faces, "off"))
     (tmp_path / "egg" / "0-broken.off").write_text("OFF\n1 0 0\n")
-    text = run("classify-your-folder", FOLDER=str(tmp_path)).texts()
+    unknown, kept = tmp_path / "mine.off", tmp_path / "kept.db"
+    egg = ellipsoid((1.0, 1.0, 1.37), subdivisions=2)
+    unknown.write_bytes(write_mesh(egg.vertices, egg.faces, "off"))
+    text = run("classify-your-folder", FOLDER=str(tmp_path), UNKNOWN=str(unknown), LIBRARY=str(kept)).texts()
+    assert "mine.off is most likely: egg" in text
+    assert kept.exists()
     assert "6 shapes; 1 files refused; 0 with a warning" in text
     assert "egg/0-broken.off: " in text
     assert re.search(r"^egg +3 +0\npaper +0 +3$", text, re.MULTILINE)  # the confusion table
     for label in mine:
         assert re.search(rf"^{label}/3.off +{label} ", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("files", "values", "said"),
+    [
+        ([], {"FOLDER": "nowhere"}, "FOLDER: there is no folder"),
+        (["a.off", "b.off"], {}, "needs a subfolder for each class"),
+        (["cat/a.off", "cat/b.off"], {}, "no class has three files, so there is no mesh to ask about"),
+        (["cat/a.off", "cat/b.off"], {"UNKNOWN": "nothing.off"}, "UNKNOWN: there is no file"),
+    ],
+)
+def test_a_folder_that_cannot_be_classified_says_why(fails, tmp_path, files, values, said):
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("OFF\n")
+    assert said in fails("classify-your-folder", **{"FOLDER": str(tmp_path)} | values)
 
 
 def test_duplicates_are_found(run):
@@ -163,7 +207,7 @@ def test_duplicates_are_found(run):
 
 def test_the_whole_of_a_part_is_found(run):
     outputs = run("a-part-against-wholes")
-    assert "if it is a piece, ask with the measure `partial`" in outputs.html()
+    assert "if it is a piece, ask with the measure <code>partial</code>" in outputs.html()
     assert re.search(r"^1 +hand \d .* part ", outputs.texts(), re.MULTILINE)
     matched, vertices = re.search(r"PointMap\((\d+) of (\d+) vertices matched", outputs.texts()).groups()
     assert int(matched) > 0.95 * int(vertices)

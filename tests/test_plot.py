@@ -176,3 +176,9 @@ def test_pyplot_is_left_alone():
     code = "import sys, unbend.plot; print('matplotlib.pyplot' in sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "False"
+
+
+def test_a_surface_is_no_form():
+    with pytest.raises(ParameterError, match="Surface is neither a Signature nor a CanonicalForm") as raised:
+        plot.form(sheet())
+    assert "unbend.canonical_form" in raised.value.advice

@@ -74,7 +74,10 @@ def test_a_missing_extra_is_named(module, package, name):
             print(isinstance(error, unbend.UnbendError), error.code, error)
     """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    advice = f"this needs the extra {name}, but {package} is not installed: pip install 'unbend[{name}]'"
+    advice = (
+        f"this needs the extra {name}, but {package} is not installed: "
+        f"run pip install '.[{name}]' in the clone of unbend's repository"
+    )
     assert out.stdout.strip() == f"True extra_missing {advice}"
     project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text())["project"]
     assert name in project["optional-dependencies"]

@@ -22,5 +22,6 @@ def extra(name: str) -> Iterator[None]:
         if find_spec(package) is not None:
             raise
         raise ExtraMissingError(
-            f"this needs the extra {name}, but {package} is not installed: pip install 'unbend[{name}]'"
+            f"this needs the extra {name}, but {package} is not installed: "
+            f"run pip install '.[{name}]' in the clone of unbend's repository"
         ) from error

@@ -9,7 +9,7 @@ from typing import Any, Final
 from unbend.errors import ParameterError, check_choice
 from unbend.extras import extra
 from unbend.matching.evaluate import Evaluation, EvaluationSummary
-from unbend.results import Ranking, ShapeMap
+from unbend.results import Ranking, ShapeMap, ShapeRecord
 
 with extra("pandas"):
     from pandas import DataFrame, Index
@@ -20,7 +20,7 @@ def to_pandas(result: Any, table: str | None = None) -> DataFrame:
 
     Parameters
     ----------
-    result : Ranking, ShapeMap, EvaluationResult, Evaluation, or iterable of records
+    result : Ranking, ShapeMap, EvaluationResult, Evaluation, record, or iterable of records
         Records are dataclasses such as `ShapeRecord`; a library and a client are iterables of them.
     table : str, optional
         The first of these by default:
@@ -62,6 +62,8 @@ def _tables_of(result: Any) -> Mapping[str, Callable[[Any], DataFrame]]:
             return tables
     if isinstance(result, Iterable) and not isinstance(result, str | bytes | Mapping):
         return {"records": _records}
+    if isinstance(result, ShapeRecord):
+        return {"records": lambda record: _records([record])}
     raise ParameterError(
         f"result: {type(result).__name__} has no table; give a Ranking, a ShapeMap, an evaluation, or records"
     )

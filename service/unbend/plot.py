@@ -56,7 +56,17 @@ def form(signature: Signature | CanonicalForm) -> Figure:
     """Plot a signature, or the canonical form of every vertex, in its first three dimensions.
 
     In two dimensions it lies in the plane, in one on a line. Units are those of the signature's points.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, such as a surface.
     """
+    if not isinstance(signature, Signature | CanonicalForm):
+        error = ParameterError(f"signature: {type(signature).__name__} is neither a Signature nor a CanonicalForm")
+        if isinstance(signature, Surface):
+            error.advice = "Give the form of the surface: plot.form(unbend.canonical_form(surface))."
+        raise error
     points, faces = signature.points, signature.faces
     figure = Figure(figsize=(5, 5), layout="constrained")
     if points.shape[1] > 2:

@@ -11,7 +11,7 @@ from sqlalchemy import insert, select
 
 from tests.support.server import DAMAGED, ply, small_mesh, two_rings
 from unbend import Library, MeshPolicy, Parameters, compare, compute_signature, embed, read_mesh
-from unbend.errors import MeshGeometryError, MeshReadError, NotFoundError, ParameterError
+from unbend.errors import MeshGeometryError, MeshReadError, NotFoundError, ParameterError, UnsuitedError
 from unbend.library.search import overview
 from unbend.library.shape_rows import MAX_PAGE
 from unbend.library.storage import schema
@@ -475,7 +475,7 @@ def test_a_pair_measure_chooses_the_nearest_of_the_whole_short_list(filled):
 
 
 def test_an_evaluation_without_labelled_shapes_is_refused(filled, library):
-    with pytest.raises(ParameterError, match="two members"):
+    with pytest.raises(ParameterError, match="no shape has the parameters"):
         filled[0].evaluate()
     with pytest.raises(ParameterError, match="two members"):
         library.evaluate(parameters=FEW)
@@ -543,3 +543,32 @@ def test_a_reopened_library_gives_the_same_answers(path):
     with Library(f"sqlite:///{path}") as library:
         assert library.rank(ids["flat"]) == before
         assert len(library) == 6
+
+
+def test_an_answer_without_shapes_says_which_parameters_they_have(filled, tmp_path):
+    library, ids = filled
+    reason = "no shape has the parameters of the query, samples=300: 6 shapes have samples=40"
+    mesh = torus(columns=12, rows=8)
+    for warnings in (
+        library.rank(mesh).warnings,
+        library.rank(mesh, measure="partial").warnings,
+        library.rank(mesh, measure="rigid").warnings,
+        library.map().warnings,
+    ):
+        assert any(each.startswith(reason) for each in warnings), warnings
+    with pytest.raises(UnsuitedError, match=reason) as raised:
+        library.evaluation()
+    assert "parameters of the shapes" in raised.value.advice
+    assert library.map(parameters=FEW).warnings == ()
+    assert library.rank(ids["flat"]).warnings == ()
+    with Library(str(tmp_path / "own.db")) as other:
+        assert (other.rank(mesh, parameters=FEW).warnings, other.map().warnings) == ((), ())
+        first = other.add(mesh, parameters=FEW).id
+        assert other.rank(first).warnings == ()  # there is no other shape at all
+        other.add(sheet(**GRID), parameters=Parameters(samples=30, seed=2))
+        other.add(sheet(**GRID), parameters=Parameters(samples=30))
+        (warning,) = other.rank(first).warnings
+        with pytest.raises(UnsuitedError, match=r"no class has two members.*; 1 of 3 shapes have the parameters"):
+            other.evaluation(parameters=FEW)
+    assert "no other shape has the parameters of the query, samples=40 seed=0" in warning
+    assert "1 shape has samples=30 seed=2" in warning

@@ -72,6 +72,12 @@ def test_a_folder_is_uploaded_labelled_and_drawn(empty: Server, open_page: OpenP
     expect(page.locator("select[aria-label=Class]")).to_contain_text("cat (4)")
     expect(page.locator("li.card img[src]")).to_have_count(12)
     assert page.evaluate(BROKEN_IMAGES) == 0
+    expect(page.locator(".panel details")).not_to_have_attribute("open", "")  # makes room once all is done
+    page.locator(".panel summary").click()
+    names = [path.name for label in ("ants", "cat", "hand") for path in sorted((real_folder / label).iterdir())]
+    assert [Path(name).stem for name in page.locator(".jobs li").locator("a").all_inner_texts()] == [
+        Path(name).stem for name in names
+    ]
     labels = [shape["label"] for shape in httpx.get(f"{empty.url}/v1/shapes").json()["items"]]
     assert sorted(labels) == sorted(["ants", "cat", "hand"] * 4)
 
@@ -84,6 +90,7 @@ def test_a_file_that_fails_says_why(unused: Server, open_page: OpenPage, tmp_pat
     page.get_by_role("button", name="Add", exact=True).click()
     expect(page.get_by_text("0 of 1 upload done, 1 failed")).to_be_visible()
     expect(page.locator(".jobs .error")).to_contain_text(re.compile(r"line|end|file", re.IGNORECASE))
+    expect(page.locator(".jobs .error")).to_be_visible()  # the panel stays open for messages
 
 
 def test_other_files_are_named_and_not_sent(unused: Server, open_page: OpenPage, tmp_path: Path) -> None:
@@ -108,6 +115,7 @@ def test_surface_and_signature_are_drawn(filled: Server, open_page: OpenPage) ->
     page.wait_for_function(f"() => ({PAINTED})(document.querySelector('.stage canvas')).colours[1] > 50")
     painted = canvas.evaluate(PAINTED)
     assert all(0.03 < share < 0.9 for share in painted["share"])
+    expect(page.locator("dd", has_text="Least squares")).to_be_visible()
     assert all(colours > 50 for colours in painted["colours"])  # shaded, not one flat colour
 
 
@@ -205,7 +213,14 @@ def test_a_query_finds_the_right_class(filled: Server, open_page: OpenPage, real
     page = open_page(f"{filled.url}/#/ask")
     choose(page, "Choose a mesh", first_file(real_folder, "cat"))
     expect(page.locator(".verdict strong")).to_have_text("cat")
+    expect(page.locator(".verdict")).to_contain_text("near enough to this class")
     expect(page.locator(".ranked li").first).to_contain_text("cat")
+    expect(page.locator(".portrait canvas")).to_be_visible()
+    page.wait_for_function(f"() => ({PAINTED})(document.querySelector('.portrait canvas')).colours[0] > 50")
+    page.get_by_role("button", name=re.compile("Match points of")).first.click()
+    expect(page.get_by_role("dialog").get_by_label("Class")).to_have_value("cat")
+    expect(page.get_by_role("dialog")).to_contain_text("stores it in the library")
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
     page.get_by_label("Measure").select_option("moments")
     expect(page.locator(".ranked li")).to_have_count(9)
     page.get_by_role("button", name=re.compile("with the mesh")).first.click()
@@ -221,7 +236,30 @@ def test_a_strange_mesh_is_unknown(filled: Server, open_page: OpenPage, tmp_path
     page = open_page(f"{filled.url}/#/ask")
     choose(page, "Choose a mesh", file)
     expect(page.locator(".verdict strong")).to_have_text("Unknown")
-    expect(page.locator(".verdict")).to_contain_text("farther from every class")
+    expect(page.locator(".verdict")).to_contain_text("too far from the nearest class")
+
+
+def test_a_picture_on_its_way_has_a_placeholder(filled: Server, open_page: OpenPage) -> None:
+    page = open_page("about:blank")
+    page.route(re.compile(r"/v1/shapes/\w+/thumbnail"), lambda _: None)  # never answered
+    page.goto(filled.url)
+    frame = page.locator("li.card .thumbnail").first
+    expect(frame).to_be_visible()
+    assert "drawing" in frame.evaluate("(element) => getComputedStyle(element, '::after').content")
+
+
+def test_an_answer_without_shapes_says_why(unused: Server, open_page: OpenPage, tmp_path: Path) -> None:
+    # Through the page's own words; the library's sentence is tested with the library.
+    flat = sheet()
+    file = tmp_path / "sheet.ply"
+    file.write_bytes(write_mesh(flat.vertices, flat.faces, "ply"))
+    page = open_page(f"{unused.url}/#/ask")
+    reason = {"measure": "spectrum", "classes": [], "shapes": [], "known": None, "warnings": ["ask with `samples`"]}
+    page.route("**/queries", lambda route: route.fulfill(json=reason))
+    choose(page, "Choose a mesh", file)
+    expect(page.locator(".verdict")).to_have_text("The library has nothing to compare this mesh with.")
+    expect(page.locator(".warning code")).to_have_text("samples")
+    expect(page.locator(".warning")).to_have_text("ask with samples")
 
 
 def test_two_shapes_beside_each_other(filled: Server, open_page: OpenPage) -> None:
@@ -278,6 +316,7 @@ def test_the_evaluation_shows_metrics_and_mistakes(filled: Server, open_page: Op
     page = open_page(f"{filled.url}/#/evaluation")
     expect(page.locator(".confusion .cell").first).to_be_visible()
     expect(page.locator(".metrics tbody tr")).to_have_count(6)
+    expect(page.get_by_role("columnheader", name="E-measure")).to_have_attribute("title", re.compile("cannot reach 1"))
     right = httpx.get(f"{filled.url}/v1/evaluation", timeout=60).json()
     assert f"{100 * right['accuracy']:.1f} %" in page.locator(".details").inner_text()
     page.locator(".confusion .cell").first.click()

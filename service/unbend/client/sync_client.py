@@ -10,6 +10,7 @@ from typing import Any, Generic, Self, TypeVar, cast
 
 import httpx
 
+from unbend.brief import brief
 from unbend.client import protocol
 from unbend.client.events import EventReader
 from unbend.client.protocol import POLL_SECONDS
@@ -157,6 +158,10 @@ class SyncClient:
         self._http = httpx.Client(
             base_url=protocol.address(base_url), headers=protocol.headers(api_key), timeout=_TIMEOUT
         )
+
+    def __repr__(self) -> str:
+        place = repr(str(self._http.base_url.copy_with(userinfo=b"")))  # numbers of shapes would be requests
+        return brief(self, place, "closed" if self._http.is_closed else "")
 
     def __enter__(self) -> Self:
         return self

@@ -7,9 +7,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
+from unbend.brief import brief, counted
 from unbend.correspondence.match import Turn, match
 from unbend.correspondence.pieces import Part
-from unbend.errors import NotFoundError, ParameterError, check_choice
+from unbend.errors import NotFoundError, ParameterError, UnbendError, check_choice
 from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.jobs import JobFilter, Jobs
@@ -20,6 +21,7 @@ from unbend.library.search import MapOptions, Search
 from unbend.library.search.overview import MAP_LIMIT
 from unbend.library.shape_rows import MAX_PAGE, ComputedShape
 from unbend.library.shapes import Shapes
+from unbend.library.storage.database import shown_url
 from unbend.library.storage.disk import LibraryDisk
 from unbend.library.storage.store import Store
 from unbend.local.signatures import local_signatures
@@ -97,6 +99,14 @@ class Library:
         self.store.check()
         if self.disk:
             self.disk.admit_upload(size)
+
+    def __repr__(self) -> str:
+        try:
+            classes = self.labels()
+            facts = counted(len(self), "shape"), counted(len(classes), "class", "classes")
+        except UnbendError:  # a `repr` must not fail
+            facts = ("closed" if self.store.is_closed else "not readable", "")
+        return brief(self, repr(shown_url(self.url)), *facts)
 
     def __enter__(self) -> Self:
         return self
@@ -333,7 +343,8 @@ class Library:
         Returns
         -------
         Ranking
-            Only shapes whose signatures were computed with the query's parameters take part.
+            Only shapes whose signatures were computed with the query's parameters take part. If there are none, a
+            warning says which parameters the shapes have.
 
         Raises
         ------
@@ -412,7 +423,8 @@ class Library:
         Raises
         ------
         ParameterError
-            If there is no such measure, or it does not compare vectors; UnsuitedError if no class has two members.
+            If there is no such measure, or it does not compare vectors; UnsuitedError if no shape has these parameters,
+            or no class has two members.
         """
         return self.search.evaluation(measure, Parameters.of(parameters))
 

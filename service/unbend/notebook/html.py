@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from unbend.marks import COLOURS, MARKS, UNLABELLED, fit_to_frame, look_of
@@ -31,6 +32,26 @@ _TEMPLATES: Final = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+
+_LEAST_SHARE: Final = 0.001
+"""The smallest share that is written as a number."""
+
+
+def _percent(share: float) -> str:
+    return "< 0.1 %" if 0 < share < _LEAST_SHARE else f"{100 * share:.3g} %"
+
+
+def _coded(text: str) -> Markup:
+    """Return text in which words between backticks are code; other text is escaped."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:  # a single backtick encloses nothing
+        return escape(text)
+    return Markup().join(
+        Markup("<code>{}</code>").format(part) if place % 2 else escape(part) for place, part in enumerate(parts)
+    )
+
+
+_TEMPLATES.filters |= {"percent": _percent, "coded": _coded}
 
 
 def figure_html(picture: bytes | None, caption: str, warnings: Sequence[str] = ()) -> str:

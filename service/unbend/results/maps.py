@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Self
 
-from unbend.brief import brief, counted
+from unbend.brief import brief, counted, noted
 from unbend.results.decoding import known_fields
 
 MapDistance = Literal["l1", "squared_l2"]
@@ -38,11 +38,14 @@ class ShapeMap:
     count: int
     """Number of shapes that the map's shapes were chosen from."""
     items: list[MapItem]
+    warnings: Sequence[str] = ()
+    """Why the map is empty, although the library has shapes."""
 
     def __repr__(self) -> str:
         return brief(
-            self, self.measure, f"{len(self.items)} of {counted(self.count, 'shape')}", f"stress {self.stress:.3g}"
-        )
+            self, self.measure, f"{len(self.items)} of {counted(self.count, 'shape')}", f"stress {self.stress:.3g}",
+            noted(len(self.warnings), "warning"),
+        )  # fmt: skip
 
     def _repr_html_(self) -> str:
         from unbend.notebook.html import map_html  # noqa: PLC0415  programs without a notebook need no templates
@@ -53,8 +56,8 @@ class ShapeMap:
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Return the map of JSON values."""
         items = [MapItem(**known_fields(MapItem, item)) for item in values["items"]]
-        return cls(**known_fields(cls, values) | {"items": items})
+        return cls(**known_fields(cls, values) | {"items": items, "warnings": tuple(values.get("warnings", ()))})
 
     def as_dict(self) -> dict[str, Any]:
         """Return the map as plain JSON values, in the form of the HTTP contract."""
-        return asdict(self)
+        return asdict(self) | {"warnings": list(self.warnings)}

@@ -202,6 +202,7 @@ document.body.append(panel);
 
 const MOST_SHOWN = 200;
 let drawing = false;
+let allDone = false;
 
 /** Draw the panel once a frame at most. */
 function draw(): void {
@@ -217,6 +218,13 @@ function draw(): void {
     const order = [...entries].sort((a, b) => rank(a) - rank(b)).slice(0, MOST_SHOWN);
     list.replaceChildren(...order.map(row));
     panel.hidden = entries.length === 0;
+    const ended = entries.length > 0 && entries.every(isDone);
+    if (ended && !allDone) {
+      // Messages stay in sight; without any, the panel makes room for the library.
+      if (!entries.some((entry) => entry.message) && !list.contains(document.activeElement)) details.open = false;
+      library.dispatchEvent(new Event("stored")); // an event may have been missed
+    }
+    allDone = ended;
   });
 }
 
@@ -252,7 +260,7 @@ function row(entry: Entry): HTMLElement {
 function words(entry: Entry): string {
   switch (entry.state) {
     case "queued":
-      return entry.job?.position ? `${entry.job.position} before it` : "next";
+      return "queued"; // its place changes with every job that ends, and no event says so
     case "running":
       return entry.job?.stage ?? "running";
     case "succeeded":

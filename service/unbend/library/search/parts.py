@@ -13,6 +13,7 @@ from unbend.arrays import Floats, Indices
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library import shape_rows
 from unbend.library.requests import QueryRequest
+from unbend.library.search.incomparable import none_compares, why_none_compares
 from unbend.library.storage.schema import library_state, local_signatures, shapes, signatures
 from unbend.library.storage.store import Store
 from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
@@ -22,7 +23,7 @@ from unbend.matching.partial import Load, PartSearch, Profiles, profiles_of, sea
 from unbend.matching.partial.calibration import EXPONENT, MEMBERS, SLACK, unfamiliarity
 from unbend.matching.selection import smallest
 from unbend.results.rankings import PartRelation, Ranking
-from unbend.signature.signature import Signature
+from unbend.signature.signature import ALGORITHM_VERSION, Signature
 
 _AT_A_TIME = 256
 
@@ -107,6 +108,8 @@ def rank_parts(store: Store, index: PartIndex, query: Signature | str, request: 
         whole = index.gallery(connection)
         local, seq, parameters, warnings = _query_of(connection, query)
         gallery = whole.only(parameters, seq)
+        if whole.seqs and not gallery.seqs:
+            warnings = (*warnings, *none_compares(why_none_compares(connection, parameters, ALGORITHM_VERSION, seq)))
 
         def load(rows: Indices) -> Sequence[LocalSignatures]:
             wanted = [gallery.seqs[row] for row in rows]

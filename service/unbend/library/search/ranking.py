@@ -11,6 +11,7 @@ from sqlalchemy import Connection
 from unbend.errors import NotFoundError
 from unbend.library import shape_rows
 from unbend.library.requests import QueryRequest
+from unbend.library.search.incomparable import none_compares, why_none_compares
 from unbend.library.search.index import IndexKey, SearchIndex
 from unbend.library.storage.store import Store
 from unbend.matching.classification import classify
@@ -44,7 +45,8 @@ def rank(store: Store, index: SearchIndex, query: Signature | str, request: Quer
                 raise NotFoundError(f"no shape {query} that {measure.name} can compare")
             vector, snapshot = snapshot.gallery.vectors[row], snapshot.without(row)
         if not len(snapshot):
-            return Ranking(request.measure, [], [], None, warnings)
+            reason = why_none_compares(connection, key.parameters, key.version, seq)
+            return Ranking(request.measure, [], [], None, (*warnings, *none_compares(reason)))
         distances = snapshot.distances(vector, measure)
         nearest = smallest(distances, max(request.k, SHORTLIST) if pair_measure else request.k)
         matches = shape_rows.get_matches(connection, snapshot.seqs[nearest].tolist(), distances[nearest].tolist())

@@ -81,6 +81,11 @@ def open_engine(url: str) -> Engine:
     return engine
 
 
+def shown_url(url: str) -> str:
+    """Return a library's address as others may see it: without a password."""
+    return _address(url).render_as_string(hide_password=True) if "://" in url else url
+
+
 def _address(url: str) -> URL:
     if "://" not in url:
         try:

@@ -60,6 +60,11 @@ class Store:
         self._writer_lock = threading.Lock()
         self._is_closed = False
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether the store was closed."""
+        return self._is_closed
+
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Yield a connection that sees one unchanging state; StoreError if the database fails."""

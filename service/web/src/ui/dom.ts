@@ -1,5 +1,7 @@
 /** Small helpers that build elements. */
 
+const LEAST_SHARE = 0.001; // the smallest that is written as a number
+
 export type Child = Node | string | number | null | undefined | false | Child[];
 
 type Handlers = { [K in keyof HTMLElementEventMap as `on${K}`]?: (event: HTMLElementEventMap[K]) => void };
@@ -43,6 +45,13 @@ function append(parent: Element, children: Child[]): void {
   }
 }
 
+/** Return text in which words between backticks are code. */
+export function coded(text: string): Child[] {
+  const parts = text.split("`");
+  if (parts.length % 2 === 0) return [text]; // a single backtick encloses nothing
+  return parts.map((part, place) => (place % 2 ? h("code", {}, part) : part));
+}
+
 /** Make a labelled field: its label is read with it. */
 export function field(label: string, input: HTMLElement, hint?: string): HTMLLabelElement {
   return h("label", { class: "field" }, h("span", {}, label), input, hint ? h("small", {}, hint) : null);
@@ -74,7 +83,8 @@ export function figure(value: number | null | undefined): string {
 }
 
 export function percent(value: number | null | undefined): string {
-  return value === null || value === undefined ? "–" : `${(100 * value).toFixed(1)} %`;
+  if (value === null || value === undefined) return "–";
+  return value > 0 && value < LEAST_SHARE ? "< 0.1 %" : `${(100 * value).toFixed(1)} %`;
 }
 
 export function plural(count: number, one: string, many = `${one}s`): string {

@@ -53,7 +53,9 @@ async function walk(entry: FileSystemEntry, folder: string): Promise<Found[]> {
 
 /** Ask how to label files, and send them. */
 export async function offer(found: Found[]): Promise<void> {
+  const { compare } = new Intl.Collator("en", { numeric: true });
   const meshes = found.filter(({ file }) => isMesh(file));
+  meshes.sort((a, b) => compare(a.folder, b.folder) || compare(a.file.name, b.file.name));
   if (!meshes.length) {
     if (found.length) notify("None of these files is a mesh: off, obj, ply, stl and glb are read.", undefined, "error");
     return;

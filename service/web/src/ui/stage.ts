@@ -9,7 +9,7 @@ export interface Stage {
   viewer: Viewer | null;
 }
 
-function hasWebGl(): boolean {
+export function hasWebGl(): boolean {
   return document.createElement("canvas").getContext("webgl2") !== null;
 }
 

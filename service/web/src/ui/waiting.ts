@@ -1,7 +1,7 @@
 /** What is shown while a job is on its way. */
 
 import type { JobSummary } from "../api/client";
-import { button, h } from "./dom";
+import { button, h, plural } from "./dom";
 
 export interface Waiting {
   element: HTMLElement;
@@ -13,7 +13,7 @@ export function waiting(first: string, cancel: () => void, steady = false): Wait
   const bar = h("progress", { max: 1, "aria-label": "Progress" });
   const state = h("p", { class: "hint" }, first);
   const update = (job: JobSummary): void => {
-    if (job.state === "queued") state.textContent = `${job.position ?? 0} jobs before it`;
+    if (job.state === "queued") state.textContent = job.position ? `${plural(job.position, "job")} before it` : "Next in the queue";
     else if (steady) state.textContent = `${first} ${(job.detail["seconds"] ?? 0).toFixed(0)} s`;
     else {
       state.textContent = job.stage;

@@ -6,11 +6,11 @@ import type { View } from "../main";
 import { readGlb } from "../scene/glb";
 import { beside } from "../ui/beside";
 import { pick, takesDrops } from "../ui/drop";
-import { button, field, figure, h, percent, select } from "../ui/dom";
+import { button, coded, field, figure, h, percent, select } from "../ui/dom";
 import { take } from "../ui/handed";
 import { matchAddress, measures, PART_MEASURES, rankedList } from "../ui/nearest";
 import { ask as question, describe, notify, report } from "../ui/notices";
-import { pictureOf } from "../ui/stage";
+import { hasWebGl, pictureOf } from "../ui/stage";
 import { waiting, type Waiting } from "../ui/waiting";
 
 const CLASSIFIERS = [
@@ -20,10 +20,13 @@ const SHOWN_CLASSES = 6;
 
 export function askView(_: string[], query: URLSearchParams, signal: AbortSignal): View {
   let file: File | null = null;
+  let guess = ""; // the class of the mesh, if it is known
   let measure = query.get("measure") ?? "spectrum";
   let classifier = query.get("classifier") ?? "nearest";
   let running = new AbortController();
   let comparing = new AbortController();
+  let looking = new AbortController();
+  let surface: Promise<ArrayBuffer> | null = null; // the view of the mesh
 
   const drop = h(
     "div",
@@ -32,6 +35,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     button("Choose a mesh", () => void pick(false).then((found) => begin(found[0]?.file)), { class: "primary" }),
   );
   const answer = h("div", { class: "answer", "aria-live": "polite" });
+  const portrait = h("div", { class: "portrait" });
   const comparison = h("div", { class: "comparison" });
   const classes = select(CLASSIFIERS, classifier, (name) => ((classifier = name), void ask()));
   const options = h(
@@ -43,7 +47,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
   const partHint = h("p", { class: "hint" }, "For a piece of a shape: which whole is it a part of, and how much of it? “In any unit” also tries other sizes.");
   const element = h("section", { class: "ask" }, h("h1", {}, "What is this?"), drop, options, partHint, answer, comparison);
   takesDrops(element, (found) => begin(found[0]?.file), signal);
-  signal.addEventListener("abort", () => running.abort());
+  signal.addEventListener("abort", () => (running.abort(), looking.abort()));
   limit();
 
   /** Parts have no classifier but the nearest member. */
@@ -59,6 +63,10 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     file = chosen;
     comparing.abort();
     comparison.replaceChildren();
+    looking.abort();
+    looking = new AbortController();
+    surface = null;
+    portrait.replaceChildren();
     void ask();
   }
 
@@ -97,11 +105,12 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
 
   function show(ranking: Ranking): void {
     const best = ranking.classes[0];
+    guess = best && ranking.known !== false ? best.label : "";
     answer.replaceChildren(
       h("h2", {}, file?.name ?? ""),
-      verdict(ranking),
-      h("div", {}, (ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, text))),
-      addForm(best && ranking.known !== false ? best.label : ""),
+      h("div", { class: "row" }, portrait, verdict(ranking)),
+      h("div", {}, (ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, coded(text)))),
+      addForm(),
       ranking.classes.length ? classTable(ranking) : "",
       h("h2", {}, "Nearest shapes"),
       ranking.shapes.length
@@ -113,11 +122,31 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
               button("Match points", () => void match(shape), { class: "quiet", "aria-label": `Match points of ${shape.name} with the mesh` }),
             ),
           )
-        : h("p", { class: "hint" }, "The library has no shape to compare with."),
+        : h("p", { class: "hint" }, "There are none."),
     );
+    void look();
   }
 
-  function addForm(guess: string): HTMLElement {
+  /** Show the mesh beside the answer. The answer stands without it, so a failure is not reported. */
+  async function look(): Promise<void> {
+    if (!file || surface || !hasWebGl()) return;
+    const asked = file;
+    const mine = looking.signal;
+    surface = send("views", { method: "POST", body: form(asked), signal: mine }).then((response) => response.arrayBuffer());
+    try {
+      const { positions, faces, about } = readGlb(await surface);
+      const { Viewer } = await import("../scene/viewer");
+      if (mine.aborted) return;
+      const viewer = new Viewer([{ positions, faces }], about.up ?? "z", `Picture of ${asked.name}`);
+      mine.addEventListener("abort", () => viewer.dispose());
+      viewer.canvas.tabIndex = -1; // a picture: “Compare” shows a view that can be turned
+      portrait.replaceChildren(viewer.canvas);
+    } catch {
+      if (!mine.aborted) surface = null; // “Compare” asks again, and says what went wrong
+    }
+  }
+
+  function addForm(): HTMLElement {
     const label = h("input", { type: "text", value: guess, "aria-label": "Class of the new shape", maxlength: 200 });
     const add = (): void => {
       if (!file) return;
@@ -138,7 +167,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     comparison.scrollIntoView({ block: "nearest" });
     try {
       const [own, other] = await Promise.all([
-        send("views", { method: "POST", body: form(asked), signal: mine }).then((response) => response.arrayBuffer()),
+        surface ?? send("views", { method: "POST", body: form(asked), signal: mine }).then((response) => response.arrayBuffer()),
         getBytes(`shapes/${shape.id}/view`, {}, mine),
       ]);
       const title = `${asked.name} and ${shape.name}`;
@@ -158,8 +187,8 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
   async function match(shape: Ranking["shapes"][number]): Promise<void> {
     if (!file) return;
     const asked = file;
-    const label = h("input", { type: "text", maxlength: 200, placeholder: "no class" });
-    const text = `Points are matched between two shapes of the library. ${asked.name} is not one yet. “Add and match” stores it; you can remove it later.`;
+    const label = h("input", { type: "text", value: guess, maxlength: 200, placeholder: "no class" });
+    const text = `Points are matched between two shapes of the library. ${asked.name} is not one yet. “Add and match” stores it in the library, with this class; you can change or remove it later.`;
     if (!(await question("Match points", "Add and match", h("p", {}, text), field("Class", label)))) return;
     running.abort();
     running = new AbortController();
@@ -198,25 +227,30 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
 
 function verdict(ranking: Ranking): HTMLElement {
   const best = ranking.classes[0];
-  if (!best) return h("p", { class: "verdict" }, "The library has no classes yet, but it has shapes to compare with.");
+  if (!best) {
+    const words = ranking.shapes.length
+      ? "The library has no classes yet, but it has shapes to compare with."
+      : "The library has nothing to compare this mesh with.";
+    return h("p", { class: "verdict" }, words);
+  }
   const parts = PART_MEASURES.includes(ranking.measure);
   if (ranking.known === false) {
-    const unlike = parts
-      ? "It is much farther from the nearest shape than the same place of that shape is from other members of its class."
-      : "It is farther from every class than members of a class are from each other.";
+    const doubt = parts
+      ? "It fits the nearest shape less well than the same place of other members of that class does, or it fits several classes equally well."
+      : "It is too far from the nearest class, for the distances between the shapes of that class.";
     return h(
       "div",
       { class: "verdict unknown" },
       h("strong", {}, "Unknown"),
-      h("p", {}, `${unlike} The nearest class is ${best.label}, at a distance of ${figure(best.distance)}.`),
+      h("p", {}, `${doubt} The nearest class is ${best.label}, at a distance of ${figure(best.distance)}.`),
     );
   }
   const words =
     ranking.known === null
       ? "This class has too few members to tell whether the mesh really belongs to it."
       : parts
-        ? "It is as near to the nearest shape as the same place of other members of the class is."
-        : "It is as near to this class as its members are to each other.";
+        ? "It fits the nearest shape about as well as the same place of other members of the class does."
+        : "The mesh is near enough to this class, for the distances between the shapes of the class.";
   return h("div", { class: "verdict" }, h("strong", {}, best.label), h("span", {}, ` confidence ${percent(best.confidence)}`), h("p", {}, words));
 }
 

@@ -11,7 +11,7 @@ const METRICS = [
   ["nn", "Nearest neighbour", "the share of shapes whose nearest other shape is of their class"],
   ["ft", "First tier", "the share of the C others of a class that is among the C nearest shapes"],
   ["st", "Second tier", "the share of them that is among the 2 C nearest"],
-  ["e", "E-measure", "the harmonic mean of precision and recall among the 32 nearest, below 1 for small classes"],
+  ["e", "E-measure", "the harmonic mean of precision and recall among the 32 nearest; with fewer than 32 others in a class it cannot reach 1, even if every answer is right"],
   ["dcg", "DCG", "discounted cumulative gain: early places count more; divided by that of the best ranking"],
   ["map", "Mean average precision", "the mean of the precisions at the places of the others of a class"],
 ] as const;
@@ -28,7 +28,7 @@ export function evaluationView(_: string[], query: URLSearchParams, signal: Abor
     "table",
     { class: "metrics" },
     h("caption", {}, "Retrieval metrics of the Princeton Shape Benchmark, each labelled shape asked for among the others"),
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Measure"), METRICS.map(([, text]) => h("th", { scope: "col" }, text)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Measure"), METRICS.map(([, text, meaning]) => h("th", { scope: "col", title: meaning }, text)))),
     overview,
   );
   const element = h(

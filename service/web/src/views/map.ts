@@ -63,8 +63,15 @@ export function mapView(_: string[], query: URLSearchParams, signal: AbortSignal
     const colours = classColours(labels);
     const state = { colours, hidden: new Set<string>(), selected: new Set<string>(), hovered: null as Item | null };
     const shownWords = found.items.length < found.count ? `, ${plural(found.items.length, "of them", "of them")} shown` : "";
-    words.textContent = found.items.length ? `${plural(found.count, "shape")}${shownWords}.` : "There are no shapes to show yet.";
-    if (!found.items.length) return plots.replaceChildren();
+    if (!found.items.length) {
+      const { shapes } = await getJson<{ shapes: number }>("classes", {}, signal);
+      if (mine !== version) return;
+      words.textContent = shapes
+        ? `The map shows shapes that were computed with the default parameters. The library has ${plural(shapes, "shape")}, but all with others.`
+        : "There are no shapes to show yet.";
+      return plots.replaceChildren();
+    }
+    words.textContent = `${plural(found.count, "shape")}${shownWords}.`;
     const redraw = (): void => all.forEach((plot) => plot.draw());
     const choose = (ids: string[]): void => ((state.selected = new Set(ids)), redraw(), showSelection(found.items, state.selected, redraw));
     const hover = (item: Item | null): void => ((state.hovered = item), redraw());

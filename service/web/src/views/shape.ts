@@ -5,7 +5,7 @@ import type { View } from "../main";
 import { at, centred, distance, vertexAreas, type Point } from "../scene/geometry";
 import { readGlb } from "../scene/glb";
 import { cutOff } from "../scene/patch";
-import { button, field, figure, h, percent, plural, select } from "../ui/dom";
+import { button, coded, field, figure, h, percent, plural, select } from "../ui/dom";
 import { hand } from "../ui/handed";
 import { matchAddress, measures, rankByShape, rankedList } from "../ui/nearest";
 import { notify, report } from "../ui/notices";
@@ -21,8 +21,9 @@ const MEANINGS: Record<string, string> = {
   "Energy captured": "Share of the squared distances that the signature's dimensions represent",
   "Effective dimension": "Dimensions that the surface would need for an error of 5 %",
   Samples: "Points of the surface between which distances were measured",
-  Method: "How the samples were placed",
+  Method: "How points in space are found whose distances are those along the surface",
 };
+const METHODS: Record<string, string> = { least_squares: "Least squares", classical: "Classical scaling", fast: "Fast embedding" };
 const AXES = ["y", "z", "x", "-y", "-z", "-x"];
 
 export async function shapeView(parts: string[], query: URLSearchParams, signal: AbortSignal): Promise<View> {
@@ -319,7 +320,7 @@ function facts(shape: Shape): HTMLElement {
     {},
     h("h2", {}, "Shape"),
     table(rows.filter(([, value]) => value !== "–")),
-    shape.warnings.map((text) => h("p", { class: "warning" }, text)),
+    shape.warnings.map((text) => h("p", { class: "warning" }, coded(text))),
     notes.length > 0 && h("details", {}, h("summary", {}, "What reading found and repaired"), h("ul", {}, notes.map((note) => h("li", {}, note)))),
     Object.keys(shape.metadata).length > 0 && h("details", {}, h("summary", {}, "Metadata"), h("pre", {}, JSON.stringify(shape.metadata, null, 2))),
   );
@@ -339,7 +340,7 @@ async function numbers(shape: Shape, signal: AbortSignal): Promise<HTMLElement> 
       ["Energy captured", error === undefined ? "–" : percent(1 - error)],
       ["Effective dimension", figure(shape.dimension)],
       ["Samples", String(shape.parameters["samples"])],
-      ["Method", String(shape.parameters["method"])],
+      ["Method", METHODS[String(shape.parameters["method"])] ?? String(shape.parameters["method"])],
     ]),
   );
 }
@@ -379,7 +380,7 @@ function nearest(shape: Shape, query: URLSearchParams, signal: AbortSignal): HTM
         h("a", { href: matchAddress(shape.id, other), class: "quiet", "aria-label": `Match points with ${other.name}` }, "Match points"),
       );
     list.replaceChildren(
-      ...(ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, text)),
+      ...(ranking.warnings ?? []).map((text) => h("p", { class: "warning" }, coded(text))),
       ranking.shapes.length ? rankedList(ranking.shapes, links) : none,
     );
   };

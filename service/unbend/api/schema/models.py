@@ -287,6 +287,7 @@ class ShapeMap(BaseModel):
     original_stress: float = Field(description="Eq. 2 of the originals.")
     count: int = Field(description="Number of shapes that `items` are chosen from.")
     items: list[MapItem]
+    warnings: list[str] = Field(description="Why the map is empty, although the library has shapes.")
 
 
 class ClassFigures(BaseModel):

@@ -38,7 +38,12 @@ def connect(url: str) -> Client:
     There is no option for the key, because it would be visible in the list of processes.
     """
     from unbend.client import Client  # noqa: PLC0415
+    from unbend.errors import ParameterError  # noqa: PLC0415
 
+    if not url.lower().startswith(("http://", "https://")):
+        error = ParameterError(f"the address of a service begins with http:// or https://, and {url} does not")
+        error.advice = f"Try http://{url} in --url or UNBEND_URL."
+        raise error
     return Client(url)
 
 

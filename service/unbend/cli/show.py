@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Final, get_args
 
 import click
 
@@ -31,6 +34,17 @@ if TYPE_CHECKING:
 SUBJECTS = ("surface", "signature", "both")
 THEMES = ("light", "dark", "transparent")
 UPS = ("auto", "x", "y", "z")
+
+_OPTIONS: Final = {
+    "distances_from": "--from",
+    "path": "--from or --to",
+    "dimension": "--dimension",
+    "contours": "--contours",
+}
+"""The options of fields of a picture's request that have other names."""
+
+_FIELD: Final = re.compile(r"^(path|contours|dimension)\b|distances_from|(?<=or )dimension\b")
+"""A field in an error: at its beginning, or where it cannot be another word."""
 
 
 def _size(_context: click.Context, _option: click.Parameter, value: str) -> tuple[int, int]:
@@ -109,22 +123,22 @@ def show(
         raise ParameterError("--to goes with --from only: a path has two ends")
     file_type = output.suffix.lower().lstrip(".")
     check_choice("the output's format", file_type, get_args(Format))
-    request = PictureRequest.from_dict(
-        {
-            "width": size[0],
-            "height": size[1],
-            "format": file_type,
-            "subject": subject,
-            "theme": theme,
-            "azimuth": azimuth,
-            "elevation": elevation,
-            "up": up,
-            "distances_from": None if dimension is not None and target is not None else start,
-            "dimension": dimension,
-            "contours": contours,
-            "path": None if start is None or target is None else (start, target),
-        }
-    )
+    given = {
+        "width": size[0],
+        "height": size[1],
+        "format": file_type,
+        "subject": subject,
+        "theme": theme,
+        "azimuth": azimuth,
+        "elevation": elevation,
+        "up": up,
+        "distances_from": None if dimension is not None and target is not None else start,
+        "dimension": dimension,
+        "contours": contours,
+        "path": None if start is None or target is None else (start, target),
+    }
+    with _naming_options():
+        request = PictureRequest.from_dict(given)
     if dimension is not None:
         parameters = {"dimensions": dimension} | parameters
     if isinstance(source, Path):
@@ -135,9 +149,22 @@ def show(
             data = place.mesh(source)
         parameters = record.parameters.as_dict() | parameters
         surface = _read(data, record, policy)
-    stress = _draw(request, surface, parameters, output)
+    with _naming_options():
+        stress = _draw(request, surface, parameters, output)
     text = f"{size[0]} x {size[1]} pixels" + ("" if stress is None else f", stress {stress:.4g}")
     confirm_file(output, text, {"width": size[0], "height": size[1], "stress": stress}, as_json=as_json)
+
+
+@contextmanager
+def _naming_options() -> Iterator[None]:
+    """Let errors of a picture name the options of this command instead of the fields of a request."""
+    from unbend.errors import ParameterError  # noqa: PLC0415
+
+    try:
+        yield
+    except ParameterError as error:
+        error.args = (_FIELD.sub(lambda found: _OPTIONS[found[0]], str(error)),)
+        raise
 
 
 def _read(data: bytes, record: ShapeRecord, policy: Values) -> Surface:

@@ -7,12 +7,15 @@ import re
 import shlex
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded
 from tests.support.server import ENDLESS, SAMPLES, endless_mesh, ply, without_settings
 from unbend import Client, Library, Parameters, read_mesh
+from unbend.cli.places import whole_id
+from unbend.errors import ParameterError
 from unbend.library.jobs import ANONYMOUS, QueueLimits
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.mesh.policy import MeshPolicy
@@ -77,6 +80,28 @@ def test_a_shape_is_printed_and_drawn_by_its_id(place, tmp_path):
     assert picture.read_bytes() == render_picture(PictureRequest(), read_mesh(mesh))
     failed_with_a_sentence(in_process("show", "0" * 32, *where), "0" * 32)
     assert "`unbend list`" in in_process("show", "0" * 32, *where).stderr
+
+
+def test_the_first_digits_of_an_id_suffice(place, tmp_path, monkeypatch):
+    where, ids = place
+    assert run_json("show", ids[1][:6], *where)["id"] == ids[1]
+    assert ids[1] in succeeded("label", ids[1][:31], "ring", *where, run=in_process).stdout
+    succeeded("show", ids[1][:8], *where, "-o", tmp_path / "x.png", run=in_process)
+    for command in (["show"], ["label"]):
+        rest = ["ring"] if command == ["label"] else []
+        failed_with_a_sentence(in_process(*command, "000000", *rest, *where), "begins with 000000")
+        assert in_process(*command, ids[1][:5], *rest, *where).returncode != 0
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ids[1][:6]).write_bytes(b"")
+    failed_with_a_sentence(in_process("show", ids[1][:6], *where), "needs -o", status=2)  # a file comes first
+
+
+def test_an_ambiguous_beginning_of_an_id_names_the_shapes():
+    shapes = [SimpleNamespace(id=f"abcdef{digit}".ljust(32, "0"), name=f"shape {digit}") for digit in "012"]
+    some = SimpleNamespace(iter_shapes=lambda: iter(shapes))
+    assert whole_id(some, "abcdef1") == shapes[1].id
+    with pytest.raises(ParameterError, match=r"3 shapes have an id that begins with abcdef, such as .*\(shape 0\)"):
+        whole_id(some, "abcdef")
 
 
 def test_a_signature_is_drawn_with_the_parameters_of_the_shape(place, tmp_path):

@@ -20,7 +20,7 @@ from unbend.cli.options import (
     place_options,
     policy_options,
 )
-from unbend.cli.places import open_place
+from unbend.cli.places import may_begin_id, open_place, whole_id
 from unbend.cli.terminal import confirm_file, prepare_kernels, print_result
 from unbend.names import is_shape_id, printable
 
@@ -55,12 +55,12 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
 
 
 class _MeshOrId(click.ParamType[Path | str]):
-    """A mesh file, or the id of a stored shape."""
+    """A mesh file, or the id of a stored shape or its beginning. A file of the same name comes first."""
 
     name = "mesh"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
-        if isinstance(value, str) and is_shape_id(value):
+        if isinstance(value, str) and (is_shape_id(value) or (may_begin_id(value) and not Path(value).exists())):
             return value
         return Path(mesh_path.convert(str(value), param, ctx))
 
@@ -108,6 +108,7 @@ def show(
 
     The parameters of the signature matter only if the signature is shown. With --dimension N, --dimensions is N by
     default. A stored shape is drawn with its own parameters and policy, unless options override them.
+    The first digits of an ID suffice, 6 or more, if no other shape has the same.
     """
     from unbend.errors import ParameterError, check_choice  # noqa: PLC0415
     from unbend.render.request import Format, PictureRequest  # noqa: PLC0415
@@ -116,7 +117,7 @@ def show(
         if isinstance(source, Path):
             raise click.UsageError("drawing a mesh needs -o, the file of the picture")
         with open_place(library, url) as place:
-            record = place.get(source)
+            record = place.get(whole_id(place, source))
         print_result(record.as_dict(), lambda: _lines(record), as_json=as_json)
         return
     if target is not None and start is None:
@@ -145,8 +146,8 @@ def show(
         surface = read_file(source, policy)
     else:
         with open_place(library, url) as place:
-            record = place.get(source)
-            data = place.mesh(source)
+            record = place.get(whole_id(place, source))
+            data = place.mesh(record.id)
         parameters = record.parameters.as_dict() | parameters
         surface = _read(data, record, policy)
     with _naming_options():

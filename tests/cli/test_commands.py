@@ -510,8 +510,8 @@ def test_files_without_a_class_are_imported_without_a_label_and_not_evaluated(fo
         assert (len(opened), opened.labels()) == (5, {"sheets": 2, "rings": 2})
     command = ["evaluate", folder, "--labels", labels, "--measure", "moments", "--per-class", "--samples", 40]
     done = succeeded(*command, run=in_process)
-    assert "1 of 5 files have no class and are left out" in done.stderr
-    assert [line.split()[:2] for line in done.stdout.split("\n\n")[1].splitlines()[1:]] == [
+    assert "1 of 5 files has no class and is left out" in done.stderr
+    assert [line.split()[:2] for line in done.stdout.split("\n\n")[2].splitlines()[1:]] == [
         ["rings", "2"],
         ["sheets", "2"],
     ]

@@ -59,10 +59,12 @@ def outcomes(report: Path) -> dict[str, str]:
 
 
 def counts_of(errors: str) -> tuple[int, list[tuple[int, str]]]:
-    """Return the number of files found, and the counts with their words, which add up to it."""
+    """Return the number of files and rows found, and the counts with their words, which add up to it."""
     lines = [re.fullmatch(r" +([\d,]+) (.*)", line) for line in errors.splitlines()]
     (found, words), *others = [(int(line[1].replace(",", "")), line[2]) for line in lines if line]
-    assert words == "files found"
+    named = re.fullmatch(r"files? found(?:, and (\d+) rows? without a file)?", words)
+    assert named
+    found += int(named[1] or 0)
     assert found == sum(count for count, _ in others)
     return found, others
 
@@ -100,7 +102,7 @@ def test_an_import_accounts_for_every_file(mixed, tmp_path, server, place, name)
         (4, "new"), (1, "merged: the same content as another file"), (1, "failed"),
         (2, "left out: not a mesh, such as .hidden"), (1, "left out: not a regular file, such as link"),
     ])  # fmt: skip
-    assert "1 of the files have warnings" in done.stderr
+    assert "1 of the files has warnings" in done.stderr
     by_path = {row["path"]: row for row in rows_of(tmp_path / name)}
     assert by_path["deep/copy.ply"]["reason"] == str(mixed / "a.ply")
     assert by_path["deep/copy.ply"]["result"] == by_path["a.ply"]["result"] != ""
@@ -130,9 +132,12 @@ def test_rows_without_a_file_and_files_without_a_row_are_left_out(mixed, tmp_pat
     reasons = {row["path"]: row["reason"] for row in rows_of(report)}
     assert reasons["nowhere.ply"] == "a row without a file"
     assert reasons["b.ply"] == "a mesh without a row in the file of labels"
-    labels.write_text("path,class\nnowhere.ply,y\n")
+    assert "        9 files found, and 1 row without a file\n" in done.stderr
+    assert "a row without a file, such as nowhere.ply\n" in done.stderr
+    labels.write_text("path,class\nnowhere/else.ply,y\n")
     refused = in_process(*command)
     assert refused.returncode == 1
+    assert "such as nowhere/else.ply" not in refused.stderr
     assert refused.stderr.splitlines()[-2] == f"unbend: {labels}: no row names a file"
 
 
@@ -153,6 +158,27 @@ def test_a_known_file_takes_or_ignores_another_class(tmp_path, if_known, outcome
     assert f"{outcome}: known already, label {'taken' if if_known == 'update' else 'ignored'}" in done.stderr
     with Library(str(tmp_path / "a.db")) as library:
         assert library.labels() == {label: 1}
+
+
+@pytest.mark.parametrize("place", ["library", "url"])
+def test_an_empty_class_of_a_row_keeps_the_class_and_says_so(tmp_path, server, place):
+    (tmp_path / "in/deep").mkdir(parents=True)
+    (tmp_path / "in/deep/a.ply").write_bytes(small_mesh(700))
+    labels, report = tmp_path / "labels.csv", tmp_path / "report.jsonl"
+    where = ["--library", tmp_path / "a.db"] if place == "library" else ["--url", server.url]
+    asked = ["import", tmp_path / "in", *where, *FEW]
+    said = []
+    for label in ("kept", ""):
+        labels.write_text(f"path,class\ndeep/a.ply,{label}\n")
+        said.append(succeeded(*asked, "--labels", labels, "--report", report, run=in_process).stderr)
+    assert "        1 file found\n" in said[0]
+    words = "class kept because the row has none"
+    assert f"unchanged: known already, {words}, such as deep/a.ply\n" in said[1]
+    (row,) = rows_of(report)
+    assert (row["outcome"], row["reason"]) == ("unchanged", words)
+    listed = json.loads(succeeded("show", row["result"], *where, "--json", run=in_process).stdout)
+    assert listed["label"] == "kept"
+    assert words not in succeeded(*asked, run=in_process).stderr  # nobody named a class
 
 
 @pytest.mark.parametrize("place", ["library", "url"])
@@ -235,7 +261,7 @@ def test_an_import_without_parts_is_completed_later(tmp_path):
     library = ["--library", tmp_path / "a.db"]
     succeeded("import", tmp_path / "in", *library, *QUICK, run=in_process)
     done = succeeded("complete", *library, run=in_process)
-    assert (done.stdout, done.stderr) == ("completed 1 shapes\n", "a\n")
+    assert (done.stdout, done.stderr) == ("completed 1 shape\n", "a\n")
     refused = in_process("import", tmp_path / "in", "--url", "http://127.0.0.1:9", "--without-parts")
     failed_with_a_sentence(refused, "exclude each other", status=2)
 

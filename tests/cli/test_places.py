@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
-from tests.support.commands import failed_with_a_sentence, in_process, succeeded
+from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded
 from tests.support.server import ENDLESS, SAMPLES, endless_mesh, ply, without_settings
 from unbend import Client, Library, Parameters, read_mesh
+from unbend.cli.places import whole_id
+from unbend.errors import ParameterError
 from unbend.library.jobs import ANONYMOUS, QueueLimits
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.mesh.policy import MeshPolicy
@@ -78,6 +82,28 @@ def test_a_shape_is_printed_and_drawn_by_its_id(place, tmp_path):
     assert "`unbend list`" in in_process("show", "0" * 32, *where).stderr
 
 
+def test_the_first_digits_of_an_id_suffice(place, tmp_path, monkeypatch):
+    where, ids = place
+    assert run_json("show", ids[1][:6], *where)["id"] == ids[1]
+    assert ids[1] in succeeded("label", ids[1][:31], "ring", *where, run=in_process).stdout
+    succeeded("show", ids[1][:8], *where, "-o", tmp_path / "x.png", run=in_process)
+    for command in (["show"], ["label"]):
+        rest = ["ring"] if command == ["label"] else []
+        failed_with_a_sentence(in_process(*command, "000000", *rest, *where), "begins with 000000")
+        assert in_process(*command, ids[1][:5], *rest, *where).returncode != 0
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ids[1][:6]).write_bytes(b"")
+    failed_with_a_sentence(in_process("show", ids[1][:6], *where), "needs -o", status=2)  # a file comes first
+
+
+def test_an_ambiguous_beginning_of_an_id_names_the_shapes():
+    shapes = [SimpleNamespace(id=f"abcdef{digit}".ljust(32, "0"), name=f"shape {digit}") for digit in "012"]
+    some = SimpleNamespace(iter_shapes=lambda: iter(shapes))
+    assert whole_id(some, "abcdef1") == shapes[1].id
+    with pytest.raises(ParameterError, match=r"3 shapes have an id that begins with abcdef, such as .*\(shape 0\)"):
+        whole_id(some, "abcdef")
+
+
 def test_a_signature_is_drawn_with_the_parameters_of_the_shape(place, tmp_path):
     where, ids = place
     figures = run_json("show", ids[0], *where, "-o", tmp_path / "x.png", "--subject", "both")
@@ -99,8 +125,9 @@ def test_shapes_are_removed_and_missing_ones_are_named(place):
     where, ids = place
     done = in_process("remove", ids[0], "0" * 32, ids[2], *where)
     assert (done.returncode, done.stdout) == (4, "2 of 3 shapes removed\n")
-    assert done.stderr.count("\n") == 1
-    assert "0" * 32 in done.stderr
+    assert len(done.stderr.splitlines()) == 2
+    assert "0" * 32 in done.stderr.splitlines()[0]
+    assert "`unbend list`" in done.stderr.splitlines()[1]
     left = run_json("list", *where)["shapes"]
     assert ids[1] in [shape["id"] for shape in left]
     assert not {ids[0], ids[2]} & {shape["id"] for shape in left}
@@ -176,16 +203,86 @@ def test_a_query_that_compares_with_nothing_says_why(place, tmp_path):
     mesh = tmp_path / "ring.ply"
     mesh.write_bytes(ply(torus(columns=10, rows=6)))
     asked = ["query", mesh, *where, "--samples", 23, "--seed", 5]
-    done = succeeded(*asked, run=in_process)
-    assert done.stdout.startswith("no shape compares with --samples 23")
-    assert "--samples 40" in done.stdout
-    done = succeeded(*asked, "--json", run=in_process)
-    assert json.loads(done.stdout)["shapes"] == []
-    assert "--samples 40" in done.stderr
+    for options in ([], ["--json"]):
+        done = in_process(*asked, *options)
+        failed_with_a_sentence(done, "no shape compares with --samples 23", "--samples 40")
+        assert "import its shapes with these" in done.stderr
     with Library(str(tmp_path / "empty.db")):
         pass
-    done = succeeded("query", mesh, "--library", tmp_path / "empty.db", run=in_process)
-    assert done.stdout == "the library has no shapes\n"
+    done = in_process("query", mesh, "--library", tmp_path / "empty.db")
+    failed_with_a_sentence(done, "the library has no shapes")
+    assert "`unbend import`" in done.stderr
+
+
+def test_an_evaluation_of_nothing_says_why(place, tmp_path):
+    where, _ = place
+    done = in_process("evaluate", *where, "--samples", 23, "--seed", 5)
+    failed_with_a_sentence(done, "no shape compares with --samples 23", "--samples 40")
+    alone = ["--library", tmp_path / "alone.db"]
+    mesh = tmp_path / "ring.ply"
+    mesh.write_bytes(ply(torus(columns=10, rows=6)))
+    with Library(str(tmp_path / "alone.db")) as library:
+        shape_id = library.add(mesh, parameters=SAMPLES).id
+    asked = ["evaluate", *alone, "--samples", 40]
+    failed_with_a_sentence(in_process(*asked), "no shape has a class")
+    assert "--label-from folder" in in_process(*asked).stderr
+    succeeded("label", shape_id, "ring", *alone, run=in_process)
+    failed_with_a_sentence(in_process(*asked), "no class has two members")
+
+
+def test_a_query_says_what_it_cannot_tell(tmp_path):
+    mesh = tmp_path / "ring.ply"
+    mesh.write_bytes(ply(torus(minor=0.61, columns=10, rows=6)))
+    where = ["--library", tmp_path / "a.db"]
+    asked = ["query", mesh, *where, "--samples", 40]
+    with Library(str(tmp_path / "a.db")) as library:
+        ids = [
+            library.add(ply(torus(minor=0.6 + 0.02 * number, columns=10, rows=6)), parameters=SAMPLES).id
+            for number in range(8)
+        ]
+        first, second = succeeded(*asked, run=in_process).stdout.split("\n\n")
+        assert first.startswith("none of the compared shapes has a class")
+        assert "--label-from folder" in first
+        assert set(ids) <= set(second.split())  # whole, because a pipe cuts nothing off
+        for number, shape_id in enumerate(ids):
+            library.change(shape_id, label=f"kind {number}\n")
+    classes = succeeded(*asked, run=in_process).stdout.split("\n\n")[0].splitlines()
+    assert len(classes) == 1 + 8 + 1
+    words = r"kind [01]\\n has one shape to compare with: unbend cannot tell whether the mesh belongs to it"
+    assert re.fullmatch(words, classes[-1])
+    status, shown = on_terminal([sys.executable, "-m", "unbend", *asked], "stdout")
+    assert status == 0
+    assert "and 3 more classes" in shown
+    assert ids[0][:8] in shown
+    assert ids[0] not in shown
+
+
+def test_a_query_names_the_measure_of_each_distance(place, tmp_path):
+    where, _ = place
+    mesh = tmp_path / "ring.ply"
+    mesh.write_bytes(ply(torus(columns=10, rows=6)))
+    asked = ["query", mesh, *where, "--samples", 40, "--measure"]
+    headings = [part.splitlines()[0] for part in succeeded(*asked, "reeb", run=in_process).stdout.split("\n\n")]
+    assert "distance (spectrum)" in headings[0]
+    assert "distance (reeb)" in headings[1]
+    assert "distance (" not in succeeded(*asked, "moments", run=in_process).stdout
+
+
+def test_a_list_shows_samples_that_differ(tmp_path):
+    where = ["--library", tmp_path / "a.db"]
+    with Library(str(tmp_path / "a.db")) as library:
+        library.add(ply(torus(columns=10, rows=6)), parameters=SAMPLES)
+        assert "samples" not in succeeded("list", *where, run=in_process).stdout
+        library.add(ply(torus(columns=10, rows=6)), parameters={"samples": 30})
+    lines = succeeded("list", *where, run=in_process).stdout.splitlines()
+    assert lines[0].split() == ["id", "name", "class", "samples"]
+    assert [line.split()[-1] for line in lines[1:]] == ["40", "30"]
+
+
+def test_an_address_without_http_is_refused_with_the_right_one():
+    done = in_process("list", "--url", "127.0.0.1:8413")
+    failed_with_a_sentence(done, "begins with http://")
+    assert "Try http://127.0.0.1:8413" in done.stderr
 
 
 def test_an_evaluation_reads_a_library_or_a_service(place, server):
@@ -200,8 +297,11 @@ def test_an_evaluation_reads_a_library_or_a_service(place, server):
     found = run_json(*asked, "--per-class")["moments"]
     assert {name: found[name] for name in expected} == expected
     assert run_json(*asked)["moments"] == {name: found[name] for name in ("nn", "ft", "st", "e", "dcg", "map")}
-    lines = succeeded(*asked, run=in_process).stdout.splitlines()
-    assert lines[1].split()[:2] == ["moments", f"{found['nn']:.3f}"]
+    sentence, empty, _, figures = succeeded(*asked, run=in_process).stdout.splitlines()
+    right, queries = map(int, re.findall(r"\d+", sentence)[:2])
+    assert sentence.startswith(f"moments: {right} of {queries} nearest shapes have the class of the query")
+    assert right / queries == pytest.approx(found["nn"])
+    assert (empty, figures.split()[:2]) == ("", ["moments", f"{found['nn']:.3f}"])
 
 
 def test_an_evaluation_takes_classes_from_folders(tmp_path):

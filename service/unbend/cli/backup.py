@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from unbend.brief import counted
 from unbend.cli.options import json_option, library_option
 from unbend.cli.places import check_library
 from unbend.cli.terminal import confirm
@@ -35,11 +36,11 @@ def backup(destination: Path, library: str, force: bool, verify_only: bool, as_j
 
     if verify_only:
         found = verify(destination)
-        text = f"{found.shapes} shapes, {found.size} bytes, schema {found.revision}, sound"
+        text = f"{counted(found.shapes, 'shape')}, {found.size} bytes, schema {found.revision}, sound"
     else:
         check_library(library)
         found = make_backup(library, destination, overwrite=force)
-        text = f"{found.shapes} shapes, {found.size} bytes, checked"
+        text = f"{counted(found.shapes, 'shape')}, {found.size} bytes, checked"
     confirm(_as_json(found), f"{found.path}: {text}", as_json=as_json)
 
 
@@ -57,7 +58,7 @@ def restore(source: Path, library: str, force: bool, as_json: bool) -> None:
     from unbend.library.backups.backup import restore as replace_library  # noqa: PLC0415
 
     made = replace_library(source, library, overwrite=force)
-    confirm(_as_json(made), f"{made.path}: {made.shapes} shapes, as in {source}", as_json=as_json)
+    confirm(_as_json(made), f"{made.path}: {counted(made.shapes, 'shape')}, as in {source}", as_json=as_json)
 
 
 def _as_json(found: Backup) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from unbend.brief import counted
 from unbend.cli.options import json_option, library_option
 from unbend.cli.places import open_library
 from unbend.cli.terminal import confirm, prepare_kernels, warn
@@ -20,5 +21,5 @@ def complete(library: str, as_json: bool) -> None:
         for shape in opened.complete():
             completed.append(shape.id)
             warn(shape.name)
-    text = f"completed {len(completed)} shapes" if completed else "nothing is missing"
+    text = f"completed {counted(len(completed), 'shape')}" if completed else "nothing is missing"
     confirm({"completed": completed}, text, as_json=as_json)

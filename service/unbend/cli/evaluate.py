@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
+from unbend.brief import counted
 from unbend.cli.folders.computing import Machine, machine_options
 from unbend.cli.options import (
     VECTOR_MEASURES,
@@ -21,9 +22,11 @@ from unbend.cli.options import (
     place_options,
     policy_options,
 )
-from unbend.cli.places import open_place
+from unbend.cli.places import Place, open_place
+from unbend.cli.reasons import why_nothing_is_evaluated
 from unbend.cli.tables import figures_table
 from unbend.cli.terminal import print_result
+from unbend.errors import UnsuitedError
 
 if TYPE_CHECKING:
     from unbend.matching.evaluate import Clusters, Separation
@@ -82,13 +85,31 @@ def evaluate(
     --gallery, unusable queries count as wrong.
 
     Without DIR, the shapes of --library or --url that were computed with the given parameters take part.
-    """
+
+    The figures are means over queries. C is the number of other shapes of the class of the query. All but e are 1 if
+    these come first.
+
+    \b
+    accuracy  with --gallery: the share of queries whose nearest shape has
+              their class, and queries that fail count as wrong
+    nn        nearest neighbour: the share of queries whose nearest shape has
+              their class
+    ft, st    first and second tier: the share of these C shapes that is among
+              the C nearest, and among the 2 C nearest
+    e         E-measure: the harmonic mean of precision and recall among the
+              32 nearest. It is at most 2 C / (32 + C), which is small in
+              a library of small classes, however good the ranking is
+    dcg       discounted cumulative gain: the further down a shape of the
+              class is, the less it counts
+    map       mean average precision: how many of the shapes before each shape
+              of the class belong to the class
+    """  # noqa: D301  click needs the character, not two
     _check_options(context, folder, labels, label_from)
     chosen = measures or VECTOR_MEASURES
     separations = None
     if folder is None:
         with open_place(library, url) as place:
-            results = {name: place.evaluation(name, parameters=parameters).as_dict() for name in chosen}
+            results = {name: _evaluation(place, name, parameters) for name in chosen}
     else:
         from unbend.cli.folders.evaluation import Folder, evaluate_folder  # noqa: PLC0415
 
@@ -97,13 +118,20 @@ def evaluate(
         )
         results = {name: result.as_dict() for name, result in found.evaluations.items()}
         separations = found.separations
-    columns = _METRICS if gallery is None else ("accuracy", *_METRICS)
     document = {name: result if per_class else _figures(result, gallery) for name, result in results.items()}
     if separations:
         document["separation"] = {name: asdict(of) for name, of in separations[0].items()} | {
             "dimensions": separations[1].as_dict()
         }
-    print_result(document, lambda: _text(results, columns, per_class, separations), as_json=as_json)
+    print_result(document, lambda: _text(results, gallery is not None, per_class, separations), as_json=as_json)
+
+
+def _evaluation(place: Place, measure: str, parameters: Values) -> Values:
+    """Return an evaluation of `place`. An error names its true reason, such as other parameters."""
+    try:
+        return place.evaluation(measure, parameters=parameters).as_dict()
+    except UnsuitedError as error:
+        raise why_nothing_is_evaluated(place, parameters, measure) or error from None
 
 
 _OF_FOLDERS: Final = ("labels", "label_from", "gallery", "separated", "html", "workers", "memory_mb")
@@ -135,19 +163,34 @@ def _figures(result: Values, gallery: Path | None) -> Values:
 
 def _text(
     results: Mapping[str, Values],
-    columns: tuple[str, ...],
+    has_gallery: bool,
     per_class: bool,
     separations: tuple[dict[str, Clusters], Separation] | None,
 ) -> str:
-    tables = [figures_table("measure", columns, list(results.items()))]
+    columns = ("accuracy", *_METRICS) if has_gallery else _METRICS
+    texts = [
+        _sentence(*next(iter(results.items())), has_gallery),
+        figures_table("measure", columns, list(results.items())),
+    ]
     if per_class:
-        tables += [
+        texts += [
             figures_table(name, ["queries", "members", *columns], [(row["label"], row) for row in result["classes"]])
             for name, result in results.items()
         ]
     if separations:
-        tables.append(_tables_of_separation(*separations))
-    return "\n\n".join(tables)
+        texts.append(_tables_of_separation(*separations))
+    return "\n\n".join(texts)
+
+
+def _sentence(measure: str, result: Values, has_gallery: bool) -> str:
+    """Return in words how many nearest shapes have the class of their query."""
+    rows = result["classes"]
+    counted_rows = rows if has_gallery else [row for row in rows if row["members"] > 1]
+    right = sum(round(row["accuracy"] * row["queries"]) for row in counted_rows)
+    queries = sum(row["queries"] for row in counted_rows)
+    alone = sum(row["queries"] for row in rows) - queries
+    left_out = f", without {counted(alone, 'shape')} alone in a class" if alone else ""
+    return f"{measure}: {right} of {queries} nearest shapes have the class of the query{left_out}"
 
 
 def _tables_of_separation(by_measure: Mapping[str, Clusters], over: Separation) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from unbend.brief import counted
 from unbend.cli.options import json_option, library_option
 from unbend.cli.places import open_library
 from unbend.cli.terminal import confirm
@@ -24,4 +25,4 @@ def export(folder: Path, library: str, as_json: bool) -> None:
     with open_library(library) as opened:
         count = opened.export(folder)
     place = printable(str(folder))
-    confirm({"folder": place, "shapes": count}, f"{place}: {count} shapes", as_json=as_json)
+    confirm({"folder": place, "shapes": count}, f"{place}: {counted(count, 'shape')}", as_json=as_json)

@@ -70,7 +70,7 @@ def import_folder(
     """Add the meshes of DIR to a library, or to a running service.
 
     With --labels, names, metadata, parameters and policies from `unbend export` are imported too; options override
-    them.
+    them. A row whose class is empty changes no class: `unbend label ID --none` removes one.
 
     The import uses all cores, and stores each shape once it is computed: after an interruption, the same command
     continues. Standard error says what happened to the files, and --report to each of them. The exit status is 4 if

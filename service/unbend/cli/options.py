@@ -100,7 +100,7 @@ def measure_option(
         type=click.Choice(names),
         default=names[0],
         show_default=True,
-        help="Measure that compares the signatures.",
+        help=description or "Measure that compares the signatures.",
     )
 
 

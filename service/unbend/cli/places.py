@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, Union
+from typing import TYPE_CHECKING, Any, Final, TypeVar, Union
 
 from unbend.cli.mesh_file import compute_file
 from unbend.cli.options import PART_MEASURES, Values
 from unbend.cli.terminal import warn_of
+from unbend.names import is_shape_id, printable
 
 if TYPE_CHECKING:
     from unbend.client import Client
@@ -19,6 +21,11 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Place = Union["Library", "Client"]
+
+_BEGINNING: Final = re.compile(r"[0-9a-f]{6,32}")
+
+_NAMED: Final = 2
+"""Shapes that an error names."""
 
 
 @contextmanager
@@ -38,7 +45,12 @@ def connect(url: str) -> Client:
     There is no option for the key, because it would be visible in the list of processes.
     """
     from unbend.client import Client  # noqa: PLC0415
+    from unbend.errors import ParameterError  # noqa: PLC0415
 
+    if not url.lower().startswith(("http://", "https://")):
+        error = ParameterError(f"the address of a service begins with http:// or https://, and {url} does not")
+        error.advice = f"Try http://{url} in --url or UNBEND_URL."
+        raise error
     return Client(url)
 
 
@@ -62,6 +74,38 @@ def check_library(url: str) -> None:
     except ParameterError as error:
         error.advice = "Name another by --library, or make one by `unbend import`."
         raise
+
+
+def may_begin_id(text: str) -> bool:
+    """Return whether a text is the id of a shape, or at least the first 6 of its digits."""
+    return _BEGINNING.fullmatch(text) is not None
+
+
+def whole_id(place: Place, text: str) -> str:
+    """Return the id of the only shape whose id begins with `text`; `text` itself if it is not a beginning of an id.
+
+    A whole id is not looked up. For a beginning, all shapes of the place are listed.
+
+    Raises
+    ------
+    NotFoundError
+        If no id begins with it.
+    ParameterError
+        If several do.
+    """
+    from unbend.errors import NotFoundError, ParameterError  # noqa: PLC0415
+
+    if is_shape_id(text) or not may_begin_id(text):
+        return text
+    found = [shape for shape in place.iter_shapes() if shape.id.startswith(text)]
+    if not found:
+        raise NotFoundError(f"no shape has an id that begins with {text}")
+    if len(found) > 1:
+        names = ", ".join(f"{shape.id} ({printable(shape.name)})" for shape in found[:_NAMED])
+        error = ParameterError(f"{len(found)} shapes have an id that begins with {text}, such as {names}")
+        error.advice = "Give more digits."
+        raise error
+    return found[0].id
 
 
 def rank_file(place: Place, mesh: Path, parameters: Values, policy: Values, options: Values) -> Ranking:

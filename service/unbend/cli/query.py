@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
+from unbend.brief import counted
 from unbend.cli.options import (
     PAIR_MEASURES,
     PART_MEASURES,
@@ -21,25 +22,34 @@ from unbend.cli.options import (
     place_options,
     policy_options,
 )
-from unbend.cli.places import Place, open_place, rank_file
-from unbend.cli.tables import table
-from unbend.cli.terminal import print_result, warn
+from unbend.cli.places import open_place, rank_file
+from unbend.cli.reasons import GIVE_CLASSES, why_nothing_compares
+from unbend.cli.tables import table, visible
+from unbend.cli.terminal import print_result
+from unbend.errors import UnsuitedError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from unbend.matching.classification import ClassMatch
     from unbend.results.rankings import PartRelation, Ranking
 
 _CLASSES: Final = 5
-"""Classes that the table shows."""
+"""Classes that the table shows on a terminal."""
 
-_LOOKED_AT: Final = 100
-"""Shapes that are looked at to say why none of them compares."""
+_ID_SHOWN: Final = 8
+"""Digits of an id that the table shows on a terminal."""
 
 
 @click.command()
 @click.argument("mesh", type=mesh_path)
 @place_options
 @click.option("-k", type=click.IntRange(min=1), default=10, show_default=True, help="Number of shapes to print.")
-@measure_option(VECTOR_MEASURES + PAIR_MEASURES + PART_MEASURES)
+@measure_option(
+    VECTOR_MEASURES + PAIR_MEASURES + PART_MEASURES,
+    description=f"Measure that compares the signatures. {', '.join(PAIR_MEASURES)} compare only shapes: classes and "
+    f"their distances are then those of {VECTOR_MEASURES[0]}.",
+)
 @classifier_option
 @json_option
 @parameter_options
@@ -57,44 +67,18 @@ def query(
 ) -> None:
     """Print the classes and shapes of the library that are nearest to MESH.
 
-    Only shapes whose signatures were computed with the same parameters are compared. Reading policies may differ.
+    Only shapes whose signatures were computed with the same parameters are compared. Reading policies may differ. It is
+    an error if there are none.
+
+    The line after the classes says if MESH may belong to none of them, or if unbend cannot tell. A terminal shows the
+    nearest classes and the beginning of each id. A pipe gets all of them.
     """
     options = {"k": k, "measure": measure, "classifier": classifier}
     with open_place(library, url) as place:
         ranking = rank_file(place, mesh, parameters, policy, options)
-        reason = "" if ranking.shapes else _why_nothing_compares(place, parameters, measure)
-    if reason and as_json:
-        warn(f"unbend: {reason}")
-    print_result(ranking.as_dict(), reason or (lambda: _table(ranking)), as_json=as_json)
-
-
-def _why_nothing_compares(place: Place, parameters: Values, measure: str) -> str:
-    """Return the reason why no shape of `place` is compared with a signature of these parameters."""
-    from unbend.signature.parameters import Parameters  # noqa: PLC0415
-    from unbend.signature.signature import ALGORITHM_VERSION  # noqa: PLC0415
-
-    shapes = place.page(limit=_LOOKED_AT).items
-    if not shapes:
-        return "the library has no shapes"
-    wanted = asdict(Parameters.from_dict(parameters))
-    stored = [asdict(shape.parameters) for shape in shapes]
-    if wanted not in stored:
-        names = [name for name in wanted if any(of[name] != wanted[name] for of in stored)]
-        choices = sorted({_options(names, of) for of in stored})
-        return (
-            f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(choices)}. Ask with its "
-            "parameters, or import its shapes with these"
-        )
-    if all(shape.version != ALGORITHM_VERSION for shape in shapes):
-        return f"an earlier version of unbend computed the shapes: import them again, for version {ALGORITHM_VERSION}"
-    if measure in PART_MEASURES:
-        return "no shape has local signatures: compute them by `unbend complete`"
-    return f"none of the first {len(shapes)} shapes compares with this mesh"
-
-
-def _options(names: list[str], parameters: Values) -> str:
-    """Return some of the parameters as options of the command line."""
-    return " ".join(f"--{name.replace('_', '-')} {parameters[name]}" for name in names)
+        if not ranking.shapes:
+            raise why_nothing_compares(place, parameters, measure) or UnsuitedError("no shape compares with this mesh")
+    print_result(ranking.as_dict(), lambda: _text(ranking), as_json=as_json)
 
 
 def _part(part: PartRelation | None) -> str:
@@ -110,26 +94,51 @@ def _part(part: PartRelation | None) -> str:
     return words.get(part.relation, "whole").format(part.covered, middle)
 
 
-def _table(ranking: Ranking) -> str:
-    classes = table(
-        ["class", "distance", "confidence"],
-        [[row.label, f"{row.distance:.4g}", f"{row.confidence:.2f}"] for row in ranking.classes[:_CLASSES]],
-        numbers=("distance", "confidence"),
-    )
-    doubt = (
-        "\nthe mesh is farther from the best class than the members of that class are from each other: "
-        "it may belong to none of these classes"
-        if ranking.known is False
-        else ""
-    )
+def _text(ranking: Ranking) -> str:
+    """Return the classes, what is to be said about them, and the shapes."""
+    on_terminal = sys.stdout.isatty()
+    shown = ranking.classes[:_CLASSES] if on_terminal else ranking.classes
+    left_out = len(ranking.classes) - len(shown)
+    lines = [
+        _classes(ranking, shown) if shown else "",
+        f"and {counted(left_out, 'more class', 'more classes')}; --json prints all" if left_out else "",
+        _doubt(ranking),
+    ]
+    return "\n".join(filter(None, lines)) + f"\n\n{_shapes(ranking, on_terminal)}"
+
+
+def _classes(ranking: Ranking, shown: Sequence[ClassMatch]) -> str:
+    distance = f"distance ({VECTOR_MEASURES[0]})" if ranking.measure in PAIR_MEASURES else "distance"
+    rows = [[row.label, f"{row.distance:.4g}", f"{row.confidence:.2f}"] for row in shown]
+    return table(["class", distance, "confidence"], rows, numbers=(distance, "confidence"))
+
+
+def _doubt(ranking: Ranking) -> str:
+    """Return why the mesh may not belong to the best class, or why unbend cannot tell; empty if it belongs to it."""
+    if not ranking.classes:
+        return f"none of the compared shapes has a class. {GIVE_CLASSES}"
+    best = visible(ranking.classes[0].label)
+    if ranking.known is None:
+        other = ", or the mesh contains its shape" if ranking.measure in PART_MEASURES else ""
+        return f"{best} has one shape to compare with{other}: unbend cannot tell whether the mesh belongs to it"
+    if not ranking.known:
+        return (
+            "the mesh is farther from the best class than the members of that class are from each other: "
+            "it may belong to none of these classes"
+        )
+    return ""
+
+
+def _shapes(ranking: Ranking, on_terminal: bool) -> str:
+    distance = f"distance ({ranking.measure})" if ranking.measure in PAIR_MEASURES else "distance"
+    digits = _ID_SHOWN if on_terminal else None
     relations = [_part(row.part) for row in ranking.shapes]
-    shown = any(relations)
-    shapes = table(
-        ["shape", "distance", "class", *(["relation"] if shown else [])],
+    related = any(relations)
+    return table(
+        ["shape", distance, "class", "id", *(["relation"] if related else [])],
         [
-            [row.name, f"{row.distance:.4g}", row.label, *([relation] if shown else [])]
+            [row.name, f"{row.distance:.4g}", row.label, row.id[:digits], *([relation] if related else [])]
             for row, relation in zip(ranking.shapes, relations, strict=True)
         ],
-        numbers=("distance",),
+        numbers=(distance,),
     )
-    return f"{classes}{doubt}\n\n{shapes}"

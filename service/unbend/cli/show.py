@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Final, get_args
 
 import click
 
@@ -17,7 +20,7 @@ from unbend.cli.options import (
     place_options,
     policy_options,
 )
-from unbend.cli.places import open_place
+from unbend.cli.places import may_begin_id, open_place, whole_id
 from unbend.cli.terminal import confirm_file, prepare_kernels, print_result
 from unbend.names import is_shape_id, printable
 
@@ -32,6 +35,17 @@ SUBJECTS = ("surface", "signature", "both")
 THEMES = ("light", "dark", "transparent")
 UPS = ("auto", "x", "y", "z")
 
+_OPTIONS: Final = {
+    "distances_from": "--from",
+    "path": "--from or --to",
+    "dimension": "--dimension",
+    "contours": "--contours",
+}
+"""The options of fields of a picture's request that have other names."""
+
+_FIELD: Final = re.compile(r"^(path|contours|dimension)\b|distances_from|(?<=or )dimension\b")
+"""A field in an error: at its beginning, or where it cannot be another word."""
+
 
 def _size(_context: click.Context, _option: click.Parameter, value: str) -> tuple[int, int]:
     width, cross, height = value.lower().partition("x")
@@ -41,12 +55,12 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
 
 
 class _MeshOrId(click.ParamType[Path | str]):
-    """A mesh file, or the id of a stored shape."""
+    """A mesh file, or the id of a stored shape or its beginning. A file of the same name comes first."""
 
     name = "mesh"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
-        if isinstance(value, str) and is_shape_id(value):
+        if isinstance(value, str) and (is_shape_id(value) or (may_begin_id(value) and not Path(value).exists())):
             return value
         return Path(mesh_path.convert(str(value), param, ctx))
 
@@ -94,6 +108,7 @@ def show(
 
     The parameters of the signature matter only if the signature is shown. With --dimension N, --dimensions is N by
     default. A stored shape is drawn with its own parameters and policy, unless options override them.
+    The first digits of an ID suffice, 6 or more, if no other shape has the same.
     """
     from unbend.errors import ParameterError, check_choice  # noqa: PLC0415
     from unbend.render.request import Format, PictureRequest  # noqa: PLC0415
@@ -102,42 +117,55 @@ def show(
         if isinstance(source, Path):
             raise click.UsageError("drawing a mesh needs -o, the file of the picture")
         with open_place(library, url) as place:
-            record = place.get(source)
+            record = place.get(whole_id(place, source))
         print_result(record.as_dict(), lambda: _lines(record), as_json=as_json)
         return
     if target is not None and start is None:
         raise ParameterError("--to goes with --from only: a path has two ends")
     file_type = output.suffix.lower().lstrip(".")
     check_choice("the output's format", file_type, get_args(Format))
-    request = PictureRequest.from_dict(
-        {
-            "width": size[0],
-            "height": size[1],
-            "format": file_type,
-            "subject": subject,
-            "theme": theme,
-            "azimuth": azimuth,
-            "elevation": elevation,
-            "up": up,
-            "distances_from": None if dimension is not None and target is not None else start,
-            "dimension": dimension,
-            "contours": contours,
-            "path": None if start is None or target is None else (start, target),
-        }
-    )
+    given = {
+        "width": size[0],
+        "height": size[1],
+        "format": file_type,
+        "subject": subject,
+        "theme": theme,
+        "azimuth": azimuth,
+        "elevation": elevation,
+        "up": up,
+        "distances_from": None if dimension is not None and target is not None else start,
+        "dimension": dimension,
+        "contours": contours,
+        "path": None if start is None or target is None else (start, target),
+    }
+    with _naming_options():
+        request = PictureRequest.from_dict(given)
     if dimension is not None:
         parameters = {"dimensions": dimension} | parameters
     if isinstance(source, Path):
         surface = read_file(source, policy)
     else:
         with open_place(library, url) as place:
-            record = place.get(source)
-            data = place.mesh(source)
+            record = place.get(whole_id(place, source))
+            data = place.mesh(record.id)
         parameters = record.parameters.as_dict() | parameters
         surface = _read(data, record, policy)
-    stress = _draw(request, surface, parameters, output)
+    with _naming_options():
+        stress = _draw(request, surface, parameters, output)
     text = f"{size[0]} x {size[1]} pixels" + ("" if stress is None else f", stress {stress:.4g}")
     confirm_file(output, text, {"width": size[0], "height": size[1], "stress": stress}, as_json=as_json)
+
+
+@contextmanager
+def _naming_options() -> Iterator[None]:
+    """Let errors of a picture name the options of this command instead of the fields of a request."""
+    from unbend.errors import ParameterError  # noqa: PLC0415
+
+    try:
+        yield
+    except ParameterError as error:
+        error.args = (_FIELD.sub(lambda found: _OPTIONS[found[0]], str(error)),)
+        raise
 
 
 def _read(data: bytes, record: ShapeRecord, policy: Values) -> Surface:

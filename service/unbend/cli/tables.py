@@ -42,12 +42,16 @@ def _figure(value: float | None) -> object:
 
 
 def _text(value: object) -> str:
-    """Return a cell without line breaks and escape sequences: names may contain anything."""
-    text = "-" if value is None else printable(str(value))
-    return text if text.isprintable() else "".join(map(_visible, text))
+    return "-" if value is None else visible(str(value))
 
 
-def _visible(character: str) -> str:
+def visible(name: str) -> str:
+    """Return a name without line breaks and escape sequences: names may contain anything."""
+    text = printable(name)
+    return text if text.isprintable() else "".join(map(_escaped, text))
+
+
+def _escaped(character: str) -> str:
     return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from unbend.brief import counted
 from unbend.cli.match import doubts, figures, orientation_option, part_option, quality, samples_option
 from unbend.cli.mesh_file import read_file
 from unbend.cli.options import Values, json_option, mesh_path, policy_options
@@ -75,7 +76,7 @@ def transfer(
         if not as_json:
             warn(f"{path}: {quality(found, source)}")
         results.append({"output": printable(str(path)), **figures(found, source)})
-    confirm({"results": results}, f"{printable(str(output))}: {len(results)} files", as_json=as_json)
+    confirm({"results": results}, f"{printable(str(output))}: {counted(len(results), 'file')}", as_json=as_json)
 
 
 def _result_name(target: Path) -> str:

@@ -15,7 +15,8 @@ from typing import IO, Any, Literal, Self, get_args
 
 import click
 
-from unbend.cli.folders.files import LabelledFile, LeftOut, MeshFolder, MeshPaths, relative_name
+from unbend.brief import noted
+from unbend.cli.folders.files import NO_FILE, LabelledFile, LeftOut, MeshFolder, MeshPaths, relative_name
 from unbend.cli.group import EXIT_INTERRUPTED
 from unbend.cli.terminal import confirm, print_error, progress, warn, warn_of
 from unbend.errors import ParameterError
@@ -42,7 +43,7 @@ class Ended:
     path: Path
     outcome: Outcome
     reason: str = ""
-    """Why the file failed or is left out, or the file that it is merged with."""
+    """Why the file failed, is left out or keeps its class, or the file that it is merged with."""
     result: str = ""
     """The id of the shape, or the file that was written."""
     taken: Sequence[str] = ()
@@ -60,12 +61,12 @@ class Ended:
             case "left out":
                 details = [self.reason]
             case "changed" | "unchanged":
-                details = ["known already", *fields]
+                details = ["known already", *fields, self.reason]
             case "merged":
                 details = ["the same content as another file", *fields]
             case _:
                 details = []
-        return ": ".join(part for part in (self.outcome, ", ".join(details)) if part)
+        return ": ".join(part for part in (self.outcome, ", ".join(filter(None, details))) if part)
 
 
 class Account:
@@ -85,6 +86,7 @@ class Account:
         self._counts: Counter[tuple[Outcome, str]] = Counter()
         self._examples: dict[str, str] = {}
         self._warned = 0
+        self._rows_without_file = 0
         self.meshes = 0
         """Number of meshes in the folder, once they are counted."""
         self.has_faults = False
@@ -110,12 +112,14 @@ class Account:
         elif ended.outcome == "merged":
             fields = f"; its {' and '.join(ended.ignored)} is ignored" if ended.ignored else ""
             warn(f"{ended.path}: has the same bytes as {ended.reason}, so both are one shape{fields}")
+        elif ended.reason:
+            self._examples.setdefault(ended.words, relative_name(ended.path, self._folder))
         warn_of(ended.path, ended.warnings)
 
     def leave_out(self, item: LeftOut) -> None:
         """Count a file that is left out, write its row, and print what is wrong if the user asked for it."""
         ended = Ended(item.path, "left out", item.reason)
-        self._examples.setdefault(ended.words, item.path.name)
+        self._rows_without_file += item.reason == NO_FILE
         self.add(ended)
         if item.fault:
             self.has_faults = True
@@ -128,7 +132,9 @@ class Account:
     def print_counts(self) -> None:
         """Print the number of files, and the numbers that add up to it."""
         not_reached = max(0, self.meshes - self.attempted)
-        counts = [(self.count() + not_reached, "files found")]
+        found = self.count() + not_reached - self._rows_without_file
+        rows = noted(self._rows_without_file, "row without a file", "rows without a file")
+        counts = [(found, f"{'file' if found == 1 else 'files'} found{rows and f', and {rows}'}")]
         for outcome in get_args(Outcome):
             same = sorted((words, count) for (of, words), count in self._counts.items() if of == outcome)
             counts += [
@@ -139,7 +145,7 @@ class Account:
         for count, words in counts:
             warn(f"{count:>9,} {words}")
         if self._warned:
-            warn(f"{self._warned:,} of the files have warnings")
+            warn(f"{self._warned:,} of the files {'has' if self._warned == 1 else 'have'} warnings")
 
     def print_result(self, done: str, *, as_json: bool) -> None:
         """Print the result as one line, or the number of files with each outcome as JSON."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unbend import __version__
+from unbend.brief import counted
 from unbend.cli.folders.computing import Computed, Machine, compute_files, dimensions_of
 from unbend.cli.folders.files import LabelledFile, MeshFolder, read_labels, relative_name
 from unbend.cli.options import Values
@@ -94,7 +95,9 @@ def _table(labels: Path, folder: Folder) -> list[LabelledFile]:
     if not found:
         raise ParameterError(f"{labels}: no row has a class")
     if len(found) < len(files):
-        warn(f"{labels}: {len(files) - len(found)} of {len(files)} files have no class and are left out")
+        without = len(files) - len(found)
+        verbs = "has no class and is" if without == 1 else "have no class and are"
+        warn(f"{labels}: {without} of {counted(len(files), 'file')} {verbs} left out")
     return found
 
 

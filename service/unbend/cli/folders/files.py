@@ -23,10 +23,13 @@ class LabelledFile:
 
     path: Path
     label: str | None
+    """None if it has no class: the shape then keeps the class that it may have."""
     name: str | None = None
     metadata: dict[str, Any] | None = None
     parameters: dict[str, Any] = field(default_factory=dict)
     policy: dict[str, Any] = field(default_factory=dict)
+    is_row: bool = False
+    """Whether it comes from a file of labels."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +222,7 @@ def _labelled(row: dict[str, str | None], place: str, folder: Path) -> LabelledF
         return LeftOut(folder / path, NO_FILE, f"{place}: there is no file {folder / path}")
     return LabelledFile(
         folder / path, label or None, row.get("name") or None, objects["metadata"], objects["parameters"] or {},
-        objects["policy"] or {},
+        objects["policy"] or {}, is_row=True,
     )  # fmt: skip
 
 

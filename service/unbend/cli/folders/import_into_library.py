@@ -13,7 +13,7 @@ from typing import TypeVar
 from unbend.cli.folders.account import Ended
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.folders.first_paths import FirstPaths
-from unbend.cli.folders.import_options import ImportOptions, description_of
+from unbend.cli.folders.import_options import ImportOptions, description_of, kept_class
 from unbend.errors import MeshReadError, NotFoundError, ParameterError, StoreError, UnbendError
 from unbend.jobs.batch import Batch, compute_upload
 from unbend.library import Library
@@ -34,11 +34,15 @@ Found = ShapeRecord | ComputedShape
 class _Task:
     """A file whose shape is known or being computed."""
 
-    path: Path
+    file: LabelledFile
     key: UploadKey | None = None
     request: ShapeRequest | None = None
     first: Path | None = None
     """An earlier file that is the same shape."""
+
+    @property
+    def path(self) -> Path:
+        return self.file.path
 
 
 def import_into_library(
@@ -88,9 +92,9 @@ class _Importer:
             first = self._firsts.put(content, file.path)
             request = ShapeRequest.of(shape_name(file.path.name), description_of(file), options.if_known_of(first))
         except (ParameterError, MeshReadError) as error:
-            return _Task(file.path), _failed(error)
+            return _Task(file), _failed(error)
         key = UploadKey.of(sha256, parameters, policy)
-        task = _Task(file.path, key, request, first)
+        task = _Task(file, key, request, first)
         if key not in self._running:
             if known := self._library.shapes.find(key):
                 return task, _completed(known)
@@ -131,7 +135,7 @@ def _ended(task: _Task, shape: AddedShape) -> Ended:
         return ended("new")
     if task.first:
         return ended("merged", str(task.first))
-    return ended("changed" if shape.updated else "unchanged")
+    return ended("changed" if shape.updated else "unchanged", kept_class(task.file, shape))
 
 
 def _read(path: Path, sha256: str) -> bytes:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from unbend.cli.folders.computing import Machine
 from unbend.cli.folders.files import LabelledFile
@@ -15,7 +15,10 @@ from unbend.errors import MeshReadError
 from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
-    from unbend.results.shapes import IfKnown
+    from unbend.results.shapes import IfKnown, ShapeRecord
+
+
+KEPT_CLASS: Final = "class kept because the row has none"
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,11 @@ class ImportOptions:
             raise MeshReadError(f"the file cannot be read: {error.strerror}") from None
         content = json.dumps([sha256, self.parameters_of(file), self.policy_of(file)], sort_keys=True)
         return sha256, hashlib.sha256(content.encode()).digest()
+
+
+def kept_class(file: LabelledFile, shape: ShapeRecord) -> str:
+    """Return why a known shape keeps its class although a row of the file of labels has none; empty otherwise."""
+    return KEPT_CLASS if file.is_row and file.label is None and shape.label is not None else ""
 
 
 def description_of(file: LabelledFile) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Final
 from unbend.cli.folders.account import Ended
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.folders.first_paths import FirstPaths
-from unbend.cli.folders.import_options import ImportOptions, description_of
+from unbend.cli.folders.import_options import ImportOptions, description_of, kept_class
 from unbend.cli.places import connect
 from unbend.client import Client, Job
 from unbend.errors import AccessError, ServiceError, UnbendError
@@ -71,4 +71,4 @@ def _ended(file: LabelledFile, job: Job[AddedShape], firsts: FirstPaths) -> Ende
         return ended("merged", str(first), ignored=ignored)
     if shape.is_new:
         return ended("new")
-    return ended("changed" if shape.updated else "unchanged", ignored=shape.ignored)
+    return ended("changed" if shape.updated else "unchanged", kept_class(file, shape), ignored=shape.ignored)

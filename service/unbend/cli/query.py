@@ -123,7 +123,7 @@ def _doubt(ranking: Ranking) -> str:
         return f"{best} has one shape to compare with{other}: unbend cannot tell whether the mesh belongs to it"
     if not ranking.known:
         return (
-            "the mesh is farther from the best class than the members of that class are from each other: "
+            f"the mesh is farther from its nearest {best} than a {best} usually is from its own nearest neighbour: "
             "it may belong to none of these classes"
         )
     return ""

@@ -161,8 +161,9 @@ class Ranking(BaseModel):
     classes: list[ClassMatch]
     shapes: list[ShapeMatch]
     known: bool | None = Field(
-        description="Whether the query is as near to the best class as its members are to each other. If not, it may "
-        "belong to no class of the library. Null if the class has a single member."
+        description="Whether the query is about as near to its nearest member of the best class as members are to "
+        "their own nearest neighbours in it. If not, it may belong to no class of the library. Null if the class has a "
+        "single member."
     )
     warnings: list[str] = Field(
         default_factory=list,  # rankings of earlier versions have none

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from fastapi import HTTPException, Request
+from fastapi import Request
 
 from unbend.api.routes.downloads import choose_format
+from unbend.api.schema.problems import ProblemError
 
 
 def chosen(*accept: str, wanted: str | None = None, default: str = "json") -> str:
@@ -46,7 +47,7 @@ def test_the_preferred_acceptable_format_is_chosen(accept, expected):
     "accept", ["text/html", "image/*", "*/*;q=0", "model/stl", "model/obj;q=0.0", "model/obj;q=9", "x"]
 )
 def test_an_accept_header_without_a_served_format_is_refused(accept):
-    with pytest.raises(HTTPException) as caught:
+    with pytest.raises(ProblemError) as caught:
         chosen(accept)
     assert caught.value.status_code == 406
     assert "model/obj" in caught.value.detail

@@ -164,9 +164,11 @@ def test_a_query_by_a_stored_shape_excludes_that_shape(server, http, ids):
     assert ids["ring-0"] not in [match["id"] for match in response.json()["shapes"]]
 
 
-def test_a_query_with_unused_parameters_finds_nothing(http, ids):
-    response = ask(http, small_mesh(6), {"Prefer": "wait=30"}, parameters='{"samples": 35}')
-    assert response.json() == {"measure": "spectrum", "classes": [], "shapes": [], "known": None, "warnings": []}
+def test_a_query_with_unused_parameters_finds_nothing_and_says_why(http, ids):
+    found = ask(http, small_mesh(6), {"Prefer": "wait=30"}, parameters='{"samples": 35}').json()
+    (warning,) = found.pop("warnings")
+    assert found == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+    assert warning.startswith("no shape has the parameters of the query, samples=35: ")
 
 
 @pytest.mark.parametrize(
@@ -301,7 +303,7 @@ def test_the_map_contains_every_shape(http, ids):
     response = http.get("/v1/map", params={"measure": "moments", "parameters": FEW})
     assert response.status_code == 200
     reported = response.json()
-    assert set(reported) == {"measure", "stress", "original_stress", "count", "items"}
+    assert set(reported) == {"measure", "stress", "original_stress", "count", "items", "warnings"}
     assert {item["id"] for item in reported["items"]} >= set(ids.values())
     assert all(set(item) == {"id", "name", "label", "point", "original"} for item in reported["items"])
     solid = http.get("/v1/map", params={"parameters": FEW, "dimensions": 3, "limit": 2}).json()

@@ -15,11 +15,11 @@ from unbend import UnbendError
 from unbend.api.schema.problems import MEDIA_TYPE, status_of
 
 STATUSES = {
-    "access": 403, "address": 500, "backup": 503, "busy": 503, "call_timeout": 504, "error": 500,
-    "exists": 422, "exposed": 403, "extra_missing": 500, "host_refused": 403,
-    "idempotency_mismatch": 409, "job_cancelled": 409, "job_failed": 500, "job_memory": 507,
-    "job_timeout": 504, "key_invalid": 401, "key_required": 401, "mesh_file": 422, "mesh_format": 415, "mesh_geometry": 422,
-    "mesh_invalid": 422, "mesh_missing": 422, "mesh_read": 422, "mesh_too_large": 422, "not_found": 404, "origin_refused": 403,
+    "access": 403, "address": 500, "backup": 503, "busy": 503, "call_timeout": 504, "error": 500, "exists": 422,
+    "exposed": 403, "extra_missing": 500, "host_refused": 403, "idempotency_mismatch": 409,
+    "job_cancelled": 409, "job_failed": 500, "job_memory": 507, "job_timeout": 504, "key_invalid": 401,
+    "key_required": 401, "mesh_file": 422, "mesh_format": 415, "mesh_geometry": 422, "mesh_invalid": 422,
+    "mesh_missing": 422, "mesh_read": 422, "mesh_too_large": 422, "not_found": 404, "origin_refused": 403,
     "parameter_invalid": 422, "precondition_failed": 412, "queue_full": 429, "quota_exceeded": 429,
     "rate_limited": 429, "scope_insufficient": 403, "service": 500, "store": 503, "store_full": 507,
     "store_in_use": 503, "store_lost": 503, "store_version": 503, "temporary_full": 507, "unsuited": 409,

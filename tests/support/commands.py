@@ -68,7 +68,7 @@ def failed_with_a_sentence(done: subprocess.CompletedProcess[str], *words: str, 
     assert "Traceback" not in done.stderr
     first = done.stderr.splitlines()[0] if status == 1 else done.stderr
     for word in words:
-        assert word in first
+        assert word in first, done.stderr
     if status == 1:
         assert first.startswith("unbend: ")
         assert len(done.stderr.splitlines()) <= 2  # the sentence and the advice

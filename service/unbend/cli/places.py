@@ -116,7 +116,8 @@ def rank_file(place: Place, mesh: Path, parameters: Values, policy: Values, opti
         local = options["measure"] in PART_MEASURES
         return place.rank(compute_file(mesh, parameters, policy, local=local), **options)
     ranking = place.rank(mesh, parameters=parameters, policy=policy, **options)
-    warn_of(mesh.name, ranking.warnings)
+    if ranking.shapes:  # otherwise the caller says why there are none
+        warn_of(mesh.name, ranking.warnings)
     return ranking
 
 

@@ -7,8 +7,10 @@ import contextlib
 import gc
 import os
 import shutil
+import time
 from multiprocessing import forkserver
 from pathlib import Path
+from typing import Final
 
 # Before NumPy is imported: each worker has one core, and a process must not be forked while it has threads.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -17,15 +19,24 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 from unbend.jit import without_compiling  # noqa: E402
 from unbend.jobs import batch, worker  # noqa: E402, F401  all that workers run
 
+_PATIENCE_SECONDS: Final = 1.0
+
 with contextlib.suppress(Exception), without_compiling():  # each worker repeats this, and reports what fails
     worker.warm_up()
 
 
 @atexit.register
-def remove_socket(fork_server: int = os.getpid()) -> None:
+def remove_socket(fork_server: int = os.getpid(), parent: int = os.getppid()) -> None:
     """Remove the folder with the socket of this fork server, for a parent that was killed."""
+    if os.getpid() != fork_server:  # a forked worker
+        return
+    end = time.monotonic() + _PATIENCE_SECONDS
+    while os.getppid() == parent:  # a parent that ends closes its files first
+        if time.monotonic() > end:
+            return  # it lives, and removes the folder itself
+        time.sleep(0.01)
     address = forkserver._forkserver._forkserver_address  # type: ignore[attr-defined]  # noqa: SLF001  no public name
-    if address and os.getpid() == fork_server:  # forked workers run this, too
+    if address:
         shutil.rmtree(Path(address).parent, ignore_errors=True)
 
 

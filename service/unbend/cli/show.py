@@ -54,7 +54,7 @@ def _size(_context: click.Context, _option: click.Parameter, value: str) -> tupl
     return int(width), int(height)
 
 
-class _MeshOrId(click.ParamType[Path | str]):
+class _MeshOrId(click.ParamType):  # type: ignore[type-arg]  # not generic in old versions of click
     """A mesh file, or the id of a stored shape or its beginning. A file of the same name comes first."""
 
     name = "mesh"

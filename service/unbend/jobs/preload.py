@@ -21,7 +21,7 @@ from unbend.jobs import batch, worker  # noqa: E402, F401  all that workers run
 
 _PATIENCE_SECONDS: Final = 1.0
 
-with contextlib.suppress(Exception), without_compiling():  # each worker repeats this, and reports what fails
+with contextlib.suppress(Exception), without_compiling():  # each worker does what is missing, and reports what fails
     worker.warm_up()
 
 

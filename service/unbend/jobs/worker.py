@@ -264,7 +264,7 @@ def library_evaluation(library_url: str, measure: str, parameters: Parameters | 
 
 
 def warm_up(first: int = 0) -> None:
-    """Compile or load the common kernels, with small meshes.
+    """Compile or load the common kernels, with small meshes; do nothing if this process, or its fork server, has.
 
     Parameters
     ----------
@@ -277,6 +277,7 @@ def warm_up(first: int = 0) -> None:
         parts[(first + number) % len(parts)]()
 
 
+@cache
 def _warm_up_signatures() -> None:
     """Signatures, measures and pictures."""
     surfaces = _tetrahedra()
@@ -291,11 +292,13 @@ def _warm_up_signatures() -> None:
         compute_signature(read_mesh((vertices, faces)), threads=1)  # narrow triangles, and obtuse ones
 
 
+@cache
 def _warm_up_parts() -> None:
     parts = [local_signatures(surface, centres=8, threads=1) for surface in _tetrahedra()]
     search_parts(parts[0], [profiles_of(parts[1])], lambda _rows: parts[1:])
 
 
+@cache
 def _warm_up_paths() -> None:
     geodesic_path(_tetrahedra()[0], 0, 1)
 

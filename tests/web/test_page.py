@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from tests.support.server import DAMAGED, Server, small_mesh, stored
 from tests.web.conftest import OpenPage, Watched, shape_id
@@ -434,57 +435,61 @@ def test_upload_and_query_by_keyboard(empty: Server, open_page: OpenPage, real_f
     expect(page.locator(".ranked li")).to_have_count(3)
 
 
-def test_keys_are_asked_for_and_their_limits_said(tmp_path: Path, open_page: OpenPage, watched: Watched) -> None:
-    watched.expected = ("401", "403")
-    folder = tmp_path / "keyed"
-    folder.mkdir()
-    with Library(str(folder / "library.db")) as library:
+@pytest.fixture
+def keyed(tmp_path: Path) -> Iterator[tuple[Server, str]]:
+    """A server with one shape that needs a key, and a key that may only read."""
+    with Library(str(tmp_path / "library.db")) as library:
         library.add(small_mesh(2), name="ring")
         _, secret = library.keys.create("reader", "read")
-    with Server(folder) as server:
-        page = open_page(server.url)
-        expect(page.get_by_role("dialog")).to_contain_text("API key")
-        page.get_by_label("Key", exact=True).fill(secret)
-        page.get_by_role("button", name="Use").click()
-        expect(page.locator("li.card img[src]")).to_have_count(1)
-        page.get_by_role("button", name=re.compile("Edit the name")).click()
-        page.get_by_label("Name", exact=True).fill("other")
-        page.get_by_label("Name", exact=True).press("Enter")
-        expect(page.locator(".notice.error")).to_contain_text("may only read")
-        page.reload()  # the session keeps the key
-        expect(page.locator("li.card img[src]")).to_have_count(1)
-        assert page.evaluate("() => JSON.stringify(localStorage)").find(secret) < 0
-        page.close()
+    with Server(tmp_path) as server:
+        yield server, secret
+
+
+def fill_in_key(page: Page, secret: str) -> Locator:
+    """Fill in the key that the page asks for; return the button that uses it."""
+    expect(page.get_by_role("dialog")).to_contain_text("API key")
+    page.get_by_label("Key", exact=True).fill(secret)
+    return page.get_by_role("button", name="Use")
+
+
+def test_keys_are_asked_for_and_their_limits_said(
+    keyed: tuple[Server, str], open_page: OpenPage, watched: Watched
+) -> None:
+    watched.expected = ("401", "403")
+    server, secret = keyed
+    page = open_page(server.url)
+    fill_in_key(page, secret).click()
+    expect(page.locator("li.card img[src]")).to_have_count(1)
+    page.get_by_role("button", name=re.compile("Edit the name")).click()
+    page.get_by_label("Name", exact=True).fill("other")
+    page.get_by_label("Name", exact=True).press("Enter")
+    expect(page.locator(".notice.error")).to_contain_text("may only read")
+    page.reload()  # the session keeps the key
+    expect(page.locator("li.card img[src]")).to_have_count(1)
+    assert page.evaluate("() => JSON.stringify(localStorage)").find(secret) < 0
 
 
 def test_a_late_refusal_of_a_request_without_a_key_leaves_the_new_key(
-    tmp_path: Path, open_page: OpenPage, watched: Watched
+    keyed: tuple[Server, str], open_page: OpenPage, watched: Watched
 ) -> None:
     watched.expected = ("401",)
-    folder = tmp_path / "late"
-    folder.mkdir()
-    with Library(str(folder / "library.db")) as library:
-        library.add(small_mesh(2), name="ring")
-        _, secret = library.keys.create("reader", "read")
-    with Server(folder) as server:
-        page = open_page("about:blank")
-        held: list[Route] = []
-        page.route("**/v1/classes", lambda route: held.append(route))  # noqa: PLW0108  Playwright marks it
-        page.goto(server.url)
-        expect(page.get_by_role("dialog")).to_contain_text("API key")
-        page.get_by_label("Key", exact=True).fill(secret)
-        with page.expect_request("**/v1/classes"):
-            page.get_by_role("button", name="Use").click()
-        early, late = held
-        with page.expect_response("**/v1/classes"):
-            early.continue_()
-        late.continue_()
-        page.unroute("**/v1/classes")
-        expect(page.locator("li.card img[src]")).to_have_count(1)
-        expect(page.get_by_role("dialog")).to_have_count(0)
-        page.reload()
-        expect(page.locator("li.card img[src]")).to_have_count(1)
-        page.close()
+    server, secret = keyed
+    page = open_page("about:blank")
+    held: list[Route] = []
+    page.route("**/v1/classes", lambda route: held.append(route))  # noqa: PLW0108  Playwright marks it
+    page.goto(server.url)
+    use = fill_in_key(page, secret)
+    with page.expect_request("**/v1/classes"):
+        use.click()
+    early, late = held
+    with page.expect_response("**/v1/classes"):
+        early.continue_()
+    late.continue_()
+    page.unroute("**/v1/classes")
+    expect(page.locator("li.card img[src]")).to_have_count(1)
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    page.reload()
+    expect(page.locator("li.card img[src]")).to_have_count(1)
 
 
 def test_a_server_that_is_killed_comes_back_under_the_page(

@@ -70,6 +70,10 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     void ask();
   }
 
+  async function viewOf(mesh: File, signal: AbortSignal): Promise<ArrayBuffer> {
+    return (await send("views", { method: "POST", body: form(mesh), signal })).arrayBuffer();
+  }
+
   function form(of: File): FormData {
     const data = new FormData();
     data.set("file", of);
@@ -132,7 +136,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     if (!file || surface || !hasWebGl()) return;
     const asked = file;
     const mine = looking.signal;
-    surface = send("views", { method: "POST", body: form(asked), signal: mine }).then((response) => response.arrayBuffer());
+    surface = viewOf(asked, mine);
     try {
       const { positions, faces, about } = readGlb(await surface);
       const { Viewer } = await import("../scene/viewer");
@@ -167,7 +171,7 @@ export function askView(_: string[], query: URLSearchParams, signal: AbortSignal
     comparison.scrollIntoView({ block: "nearest" });
     try {
       const [own, other] = await Promise.all([
-        surface ?? send("views", { method: "POST", body: form(asked), signal: mine }).then((response) => response.arrayBuffer()),
+        surface ?? viewOf(asked, mine),
         getBytes(`shapes/${shape.id}/view`, {}, mine),
       ]);
       const title = `${asked.name} and ${shape.name}`;

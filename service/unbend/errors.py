@@ -52,7 +52,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from types import MappingProxyType
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 
 class UnbendError(Exception):
@@ -66,6 +66,11 @@ class UnbendError(Exception):
     """The status of the response, if a service reported the error to a client."""
     problem: Mapping[str, object] = MappingProxyType({})
     """The problem document (RFC 9457), if a service reported the error to a client."""
+
+    def with_advice(self, advice: str) -> Self:
+        """Set the advice of this error, in place of that of its class, and return the error."""
+        self.advice = advice
+        return self
 
 
 class MeshError(UnbendError, ValueError):

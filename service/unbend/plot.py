@@ -65,7 +65,7 @@ def form(signature: Signature | CanonicalForm) -> Figure:
     if not isinstance(signature, Signature | CanonicalForm):
         error = ParameterError(f"signature: {type(signature).__name__} is neither a Signature nor a CanonicalForm")
         if isinstance(signature, Surface):
-            error.advice = "Give the form of the surface: plot.form(unbend.canonical_form(surface))."
+            raise error.with_advice("Give the form of the surface: plot.form(unbend.canonical_form(surface)).")
         raise error
     points, faces = signature.points, signature.faces
     figure = Figure(figsize=(5, 5), layout="constrained")

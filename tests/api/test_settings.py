@@ -11,9 +11,10 @@ from click.testing import CliRunner
 
 from tests.support.server import Server
 from unbend.api import Settings
-from unbend.api.server.configuration import read_settings, without_password
+from unbend.api.server.configuration import read_settings
 from unbend.cli import main
 from unbend.errors import ParameterError
+from unbend.library.storage.database import shown_url
 
 OTHERS = {  # a value for each setting that differs from its default
     "library": "other.db", "workers": 3, "max_upload_mb": 5, "max_queued": 7, "job_seconds": 1.5,
@@ -232,7 +233,7 @@ def test_a_read_only_library_is_refused(unprivileged_user):
 
 def test_messages_hide_passwords():
     assert "secret" not in refusal("--library", "nothing://user:secret@host/name")
-    assert without_password("postgresql://user:secret@host/name") == "postgresql://user:***@host/name"
+    assert shown_url("postgresql://user:secret@host/name") == "postgresql://user:***@host/name"
     assert "secret" not in refusal(UNBEND_TRACES="ftp://user:secret@host")
 
 

@@ -48,9 +48,9 @@ def connect(url: str) -> Client:
     from unbend.errors import ParameterError  # noqa: PLC0415
 
     if not url.lower().startswith(("http://", "https://")):
-        error = ParameterError(f"the address of a service begins with http:// or https://, and {url} does not")
-        error.advice = f"Try http://{url} in --url or UNBEND_URL."
-        raise error
+        raise ParameterError(
+            f"the address of a service begins with http:// or https://, and {url} does not"
+        ).with_advice(f"Try http://{url} in --url or UNBEND_URL.")
     return Client(url)
 
 
@@ -72,7 +72,7 @@ def check_library(url: str) -> None:
     try:
         must_exist(url)
     except ParameterError as error:
-        error.advice = "Name another by --library, or make one by `unbend import`."
+        error.with_advice("Name another by --library, or make one by `unbend import`.")
         raise
 
 
@@ -102,9 +102,9 @@ def whole_id(place: Place, text: str) -> str:
         raise NotFoundError(f"no shape has an id that begins with {text}")
     if len(found) > 1:
         names = ", ".join(f"{shape.id} ({printable(shape.name)})" for shape in found[:_NAMED])
-        error = ParameterError(f"{len(found)} shapes have an id that begins with {text}, such as {names}")
-        error.advice = "Give more digits."
-        raise error
+        raise ParameterError(f"{len(found)} shapes have an id that begins with {text}, such as {names}").with_advice(
+            "Give more digits."
+        )
     return found[0].id
 
 

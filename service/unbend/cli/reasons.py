@@ -24,22 +24,21 @@ def why_nothing_compares(place: Place, parameters: Values, measure: str) -> Unsu
 
     shapes = place.page(limit=_LOOKED_AT).items
     if not shapes:
-        return _error("the library has no shapes", "Add some by `unbend import`.")
+        return UnsuitedError("the library has no shapes").with_advice("Add some by `unbend import`.")
     wanted = asdict(Parameters.from_dict(parameters))
     stored = [asdict(shape.parameters) for shape in shapes]
     if wanted not in stored:
         names = [name for name in wanted if any(of[name] != wanted[name] for of in stored)]
         choices = sorted({_options(names, of) for of in stored})
-        return _error(
-            f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(choices)}",
-            "Ask with its parameters, or import its shapes with these.",
-        )
+        return UnsuitedError(
+            f"no shape compares with {_options(names, wanted)}: the library has {' and '.join(choices)}"
+        ).with_advice("Ask with its parameters, or import its shapes with these.")
     if all(shape.version != ALGORITHM_VERSION for shape in shapes):
-        return _error(
-            "an earlier version of unbend computed the shapes", f"Import them again, for version {ALGORITHM_VERSION}."
+        return UnsuitedError("an earlier version of unbend computed the shapes").with_advice(
+            f"Import them again, for version {ALGORITHM_VERSION}."
         )
     if measure in PART_MEASURES:
-        return _error("no shape has local signatures", "Compute them by `unbend complete`.")
+        return UnsuitedError("no shape has local signatures").with_advice("Compute them by `unbend complete`.")
     return None
 
 
@@ -47,13 +46,7 @@ def why_nothing_is_evaluated(place: Place, parameters: Values, measure: str) -> 
     """Return the reason why `place` has no evaluation, if it is known."""
     if reason := why_nothing_compares(place, parameters, measure):
         return reason
-    return None if place.labels() else _error("no shape has a class", GIVE_CLASSES)
-
-
-def _error(message: str, advice: str) -> UnsuitedError:
-    error = UnsuitedError(message)
-    error.advice = advice
-    return error
+    return None if place.labels() else UnsuitedError("no shape has a class").with_advice(GIVE_CLASSES)
 
 
 def _options(names: list[str], parameters: Values) -> str:

@@ -58,11 +58,12 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     import uvicorn  # noqa: PLC0415
 
     from unbend.api import create_app  # noqa: PLC0415
-    from unbend.api.server.configuration import read_settings, without_password  # noqa: PLC0415
+    from unbend.api.server.configuration import read_settings  # noqa: PLC0415
     from unbend.api.server.connections import HEAD_BYTES, connection_class  # noqa: PLC0415
     from unbend.api.server.logs import log_config  # noqa: PLC0415
     from unbend.api.server.serving import Server, bind  # noqa: PLC0415
     from unbend.heap import prepare as prepare_heap  # noqa: PLC0415
+    from unbend.library.storage.database import shown_url  # noqa: PLC0415
     from unbend.library.storage.lease import Lease  # noqa: PLC0415
 
     settings = read_settings(_given(context), file)
@@ -71,7 +72,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     context.call_on_close(stack.close)
     sockets = [stack.enter_context(bound) for bound in bind(host, port)]
     lease = stack.enter_context(Lease(settings.library))
-    warn(f"unbend: library {without_password(settings.library)}, {settings.workers} workers")
+    warn(f"unbend: library {shown_url(settings.library)}, {settings.workers} workers")
     _must_be_safe(settings, host)
     app = create_app(settings, lease)
     limits, backlog = _fit_file_descriptors(settings.connection_limits)

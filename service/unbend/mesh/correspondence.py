@@ -24,14 +24,14 @@ def surface_vertex(surface: Surface, vertex: int, what: str) -> int:
     """
     count = len(surface.vertices if surface.vertex_map is None else surface.vertex_map)
     if not 0 <= vertex < count:
-        error = UnsuitedError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}")
-        error.advice = f"Give a vertex of the file: a number from 0 to {count - 1}."
-        raise error
+        raise UnsuitedError(f"{what}: the mesh has no vertex {vertex}, only 0 to {count - 1}").with_advice(
+            f"Give a vertex of the file: a number from 0 to {count - 1}."
+        )
     place = vertex if surface.vertex_map is None else int(surface.vertex_map[vertex])
     if place < 0:
-        error = UnsuitedError(f"{what}: vertex {vertex} was removed when the mesh was simplified")
-        error.advice = "Give another vertex of the file."
-        raise error
+        raise UnsuitedError(f"{what}: vertex {vertex} was removed when the mesh was simplified").with_advice(
+            "Give another vertex of the file."
+        )
     return place
 
 

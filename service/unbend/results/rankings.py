@@ -147,7 +147,7 @@ def shape_id_of(query: object) -> str | None:
     except OSError:  # longer than any path, such as the text of a mesh
         exists = False
     if not exists:
-        error = NotFoundError(f"{query[:_SHOWN]!r} is neither the id of a stored shape nor a file")
-        error.advice = "Check the path or the id."
-        raise error
+        raise NotFoundError(f"{query[:_SHOWN]!r} is neither the id of a stored shape nor a file").with_advice(
+            "Check the path or the id."
+        )
     return None

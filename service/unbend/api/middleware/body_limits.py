@@ -105,9 +105,10 @@ class BodyLimit:
     def _too_large(self, headers: Headers) -> UploadTooLargeError:
         if _is_upload(headers):
             return UploadTooLargeError(f"the request has more than {self._limits.each // 2**20} megabytes")
-        error = UploadTooLargeError(f"a request without a file has more than {self._limits.json // 2**10} kilobytes")
-        error.advice = f"{SEND_FILE} For other requests, send less, or raise UNBEND_MAX_JSON_KB."
-        return error
+        kilobytes = self._limits.json // 2**10
+        return UploadTooLargeError(f"a request without a file has more than {kilobytes} kilobytes").with_advice(
+            f"{SEND_FILE} For other requests, send less, or raise UNBEND_MAX_JSON_KB."
+        )
 
 
 class Framing:

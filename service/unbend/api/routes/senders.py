@@ -20,7 +20,7 @@ from unbend.library.keys import KeyRecord
 from unbend.library.records import JobRecord
 from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upload, kind_of
 
-_VALID_NAME: Final = re.compile(VISIBLE_NAME.strip("^$"))
+_VALID_NAME: Final = re.compile(VISIBLE_NAME)
 
 IdempotencyKey = Annotated[
     str | None,

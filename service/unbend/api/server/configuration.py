@@ -105,11 +105,6 @@ def read_settings(options: Mapping[str, Any], path: Path | None = None) -> Setti
     return settings
 
 
-def without_password(library: str) -> str:
-    """Return the URL of a library with its password hidden."""
-    return make_url(library).render_as_string(hide_password=True) if "://" in library else library
-
-
 def library_problem(url: str) -> str | None:
     """Return the reason why a library's file cannot be used; None if there is none. Other databases are not checked."""
     try:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sqlalchemy import func
-from sqlalchemy import select as select_rows
-
 from unbend.errors import UnsuitedError
+from unbend.library import shape_rows
 from unbend.library.requests import QueryRequest
 from unbend.library.search.incomparable import ADVICE, none_compares, why_none_compares
 from unbend.library.search.index import IndexKey, SearchIndex
 from unbend.library.search.overview import MapOptions, evaluation_of, map_of, select
 from unbend.library.search.parts import PartIndex, rank_parts
 from unbend.library.search.ranking import rank
-from unbend.library.storage.schema import shapes
 from unbend.library.storage.store import Store
 from unbend.matching.measures import VectorMeasure, get_vector_measure
 from unbend.matching.measures.vectors import SURFACE_MOMENTS
@@ -67,16 +64,16 @@ class Search:
         with self._store.read() as connection:
             snapshot = self._index.snapshot(connection, key)
             reason = "" if len(snapshot) else why_none_compares(connection, key.parameters, key.version)
-            total = connection.scalar(select_rows(func.count()).select_from(shapes)) or 0
         if reason:
-            raise _unsuited(reason)
+            raise UnsuitedError(reason).with_advice(ADVICE)
         try:
             return evaluation_of(snapshot, chosen)
         except UnsuitedError as error:
+            total = self._store.load(shape_rows.count_shapes)
             if len(snapshot) == total:
                 raise
             compared = f"{len(snapshot)} of {total} shapes have the parameters of the evaluation"
-            raise _unsuited(f"{error}; {compared}") from None
+            raise UnsuitedError(f"{error}; {compared}").with_advice(ADVICE) from None
 
     def map(self, measure: str, parameters: Parameters | None, options: MapOptions) -> ShapeMap:
         """Embed the shapes computed with `parameters` so that similar shapes are near each other (Fig. 8).
@@ -95,12 +92,6 @@ class Search:
             key = _key(chosen, parameters)
             reason = "" if selection.count else why_none_compares(connection, key.parameters, key.version)
         return replace(map_of(selection, chosen, options), warnings=none_compares(reason))
-
-
-def _unsuited(reason: str) -> UnsuitedError:
-    error = UnsuitedError(reason)
-    error.advice = ADVICE
-    return error
 
 
 def _key(measure: VectorMeasure, parameters: Parameters | None) -> IndexKey:

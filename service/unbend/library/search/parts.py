@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sqlalchemy import Connection, func, select
+from sqlalchemy import Connection, select
 
 from unbend.arrays import Floats, Indices
 from unbend.errors import NotFoundError, ParameterError
@@ -85,7 +85,7 @@ class PartIndex:
             found = shape_rows.get_locals(connection, new[start : start + _AT_A_TIME])
             self._known |= {seq: profiles_of(local) for seq, local in found.items()}
         self._known = {row.seq: self._known[row.seq] for row in listed}
-        count = connection.scalar(select(func.count()).select_from(shapes)) or 0
+        count = shape_rows.count_shapes(connection)
         self._gallery = PartGallery(
             tuple(row.seq for row in listed), tuple(row.label for row in listed),
             tuple(row.parameters for row in listed), tuple(self._known.values()), count - len(listed),

@@ -206,7 +206,7 @@ class Dispatcher:
                     logger.warning(
                         "job %s is marked as running, but this server does not run it; it is requeued", job.id
                     )
-                    await self._retry(partial(self._jobs.requeue, job.id, "stopped"))
+                    await self._retry(partial(self._jobs.requeue, job, "stopped"))
                     self.wake()
 
     def _release(self, job_id: str, _task: asyncio.Task[None]) -> None:
@@ -225,7 +225,7 @@ class Dispatcher:
         except WorkerLostError as error:
             if job.attempts < self._limits.attempts:
                 logger.warning("the job lost its process, attempt %d", job.attempts)
-                await self._retry(partial(self._jobs.requeue, job.id, "worker lost"))
+                await self._retry(partial(self._jobs.requeue, job, "worker lost"))
                 self._subscriptions.notify_state(job.id)
                 self.wake()
                 return
@@ -275,7 +275,7 @@ class Dispatcher:
 
     async def _fail(self, job: JobRecord, error: Exception) -> JobRecord | None:
         described, reached = describe(typed_error(error)), self._subscriptions.progress(job.id)
-        return await self._retry(partial(self._jobs.fail, job.id, described, reached))
+        return await self._retry(partial(self._jobs.fail, job, described, reached))
 
     async def _retry(self, write: Callable[[], Future[T]]) -> T:
         """Retry a write while the store fails, so that no claim and no result is lost; a stopping server gives up."""

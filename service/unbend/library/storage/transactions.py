@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import random
 import sqlite3
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from sqlalchemy import Connection
-from sqlalchemy.exc import DatabaseError, IntegrityError, TimeoutError  # noqa: A004
+from sqlalchemy.exc import DBAPIError, IntegrityError, TimeoutError  # noqa: A004
 
 from unbend.errors import StoreError, StoreFullError
+from unbend.library.storage.postgres import is_disk_full, is_transient
+
+T = TypeVar("T")
 
 _DISK_FULL: Final = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE", "SQLITE_IOERR_SHMMAP"})
 """SQLite's errors of a full disk: of the file and its log, and of the log's index."""
+
+_PAUSES: Final = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Seconds before each further attempt at a transaction, on average: a request waits no longer than two seconds."""
 
 
 @contextmanager
@@ -23,10 +31,25 @@ def as_store_error() -> Iterator[None]:
         yield
     except (IntegrityError, sqlite3.IntegrityError):  # a bug of this program, not a failure of the database
         raise
-    except (DatabaseError, TimeoutError, sqlite3.Error) as error:
-        if getattr(getattr(error, "orig", error), "sqlite_errorname", "") in _DISK_FULL:
+    except (DBAPIError, TimeoutError, sqlite3.Error) as error:
+        if getattr(getattr(error, "orig", error), "sqlite_errorname", "") in _DISK_FULL or is_disk_full(error):
             raise StoreFullError("the disk of the library is full") from error
         raise StoreError("the library's store cannot be used") from error
+
+
+def retried(transaction: Callable[[], T]) -> T:
+    """Run a transaction, and run it again while another one, or a restart of PostgreSQL, stands in its way.
+
+    A lost connection may hide that the transaction was committed. So it must do no harm if it runs twice.
+    """
+    for pause in _PAUSES:
+        try:
+            return transaction()
+        except (StoreError, IntegrityError) as error:
+            if not is_transient(error if isinstance(error, IntegrityError) else error.__cause__):
+                raise
+            time.sleep(pause * random.uniform(0.5, 1.5))  # noqa: S311  so that two transactions do not meet again
+    return transaction()
 
 
 def is_open(connection: Connection) -> bool:

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 from sqlalchemy import Connection
 
 from unbend.errors import IdempotencyError, QueueFullError, QuotaError
-from unbend.library import job_rows, shape_rows
+from unbend.library import job_rows, shape_rows, tickets
 from unbend.library.job_rows import ANONYMOUS, Cause, JobFilter, Sender
 from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import FileRequest, JobRequest, QueryRequest, ShapeRequest, Upload, UploadKey
@@ -136,7 +136,7 @@ class Jobs:
                     request=request,
                     sender=sender,
                     shape_id=shape.id,
-                )  # fmt: skip
+                )
             )
 
         return self._store.submit(submit)
@@ -194,19 +194,39 @@ class Jobs:
 
         return self._store.submit(recover)
 
-    def recover_ticket(self, ticket: int, attempts: int, error: Mapping[str, Any]) -> Future[JobRecord | None]:
-        """Requeue the job of a worker that died. After too many attempts, it fails with `error` and is returned."""
+    def recover_ticket(self, ticket: int, restarts: int, error: Mapping[str, Any]) -> Future[JobRecord | None]:
+        """Requeue the job of a worker that died. With too many restarts, it fails with `error` and is returned."""
 
         def recover(connection: Connection) -> JobRecord | None:
             job = job_rows.claimed(connection, ticket)
             if job is None or not job_rows.is_current(connection, job):
                 return None
-            if job.attempts < attempts:
-                job_rows.requeue(connection, job, cause="worker lost")
+            if job.restarts < restarts:
+                job_rows.requeue(connection, job, cause="server lost")
                 return None
             return job_rows.finish(connection, job.id, "failed", error=dict(error))
 
         return self._store.submit(recover)
+
+    async def tickets(self, lost_seconds: float) -> tuple[list[int], int]:
+        """Return the tickets of running jobs of dead workers, and the number of queued jobs without a ticket.
+
+        A worker counts as dead if it has sent no heartbeat for `lost_seconds`.
+        """
+
+        def load(connection: Connection) -> tuple[list[int], int]:
+            return tickets.lost_tickets(connection, lost_seconds), tickets.count_missing(connection, lost_seconds)
+
+        return await self._in_thread(load)
+
+    def issue_tickets(self, number: int, lost_seconds: float) -> Future[None]:
+        """Add tickets to the queue, and delete those of dead workers."""
+
+        def issue(connection: Connection) -> None:
+            tickets.delete_dead(connection, lost_seconds)
+            tickets.issue(connection, number)
+
+        return self._store.submit(issue)
 
     # Results; the future has None if the job had ended already, such as by a cancellation
 

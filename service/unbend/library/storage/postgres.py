@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 from sqlalchemy import URL, Connection, Engine, create_engine, text
@@ -63,6 +64,12 @@ def open_postgres(address: URL) -> Engine:
         pool_timeout=_WAIT_SECONDS,
         pool_pre_ping=True,  # replaces connections that a restart of the server has ended
     )
+
+
+def connection_arguments(engine: Engine) -> Mapping[str, Any]:
+    """Return the arguments with which psycopg connects as an engine does."""
+    _, arguments = engine.dialect.create_connect_args(engine.url)
+    return {**arguments, **_CONNECTING}
 
 
 def one_state(engine: Engine) -> Engine:

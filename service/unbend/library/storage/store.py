@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
@@ -67,6 +67,12 @@ class Store:
     def is_closed(self) -> bool:
         """Whether the store was closed."""
         return self._is_closed
+
+    @property
+    def postgres(self) -> Mapping[str, Any] | None:
+        """The arguments with which psycopg connects to the database; None for SQLite."""
+        is_sqlite = self._engine.dialect.name == "sqlite"
+        return None if is_sqlite else postgres.connection_arguments(self._engine)
 
     @contextmanager
     def read(self) -> Iterator[Connection]:

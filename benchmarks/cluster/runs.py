@@ -25,7 +25,7 @@ SEE = "UPDATE runs SET seen = %s WHERE id = %s"
 
 
 class Engine(Protocol):
-    """What the benchmark asks of an engine in the process that submits jobs."""
+    """An engine in the process that submits jobs."""
 
     name: str
 

@@ -44,15 +44,12 @@ _CHECK_SECONDS: Final = 5.0
 _POLL_SECONDS: Final = 2.0
 """Time between two searches for tickets whose announcement was lost."""
 
-_QUEUE_OPTIONS: Final = " ".join(
-    (
-        # A plan that was made while the queue was empty reads the whole queue for each ticket.
-        "-c plan_cache_mode=force_custom_plan",
-        # A crash of the database may return a used ticket to the queue, where it does no harm.
-        "-c synchronous_commit=off",
-    )
-)
-"""Options of the connections that take and return tickets."""
+_QUEUE_OPTIONS: Final = "-c plan_cache_mode=force_custom_plan -c synchronous_commit=off"
+"""Options of the connections that take and return tickets.
+
+A plan that was made while the queue was empty would read the whole queue for each ticket. A crash of the database may
+return a used ticket to the queue, where it does no harm.
+"""
 
 _WAIT_SECONDS: Final = 0.5
 """Time between two attempts to claim a job while each has to wait for another."""

@@ -21,10 +21,11 @@ from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
 from unbend.results.jobs import ENDED_STATES, UNFINISHED_STATES, JobKind, JobState
 
-Cause = Literal["worker lost", "server lost", "stopped", "shape removed"]
+Cause = Literal["process lost", "worker lost", "server lost", "stopped", "shape removed"]
 """The cause for which a running job returns to the queue.
 
-Its process died, its server died, its server stops, or somebody removed the known shape that would be its result.
+Its process died; the worker of a cluster that ran it died, or was cut off; its server died; its server stops; or
+somebody removed the known shape that would be its result.
 """
 
 _BATCH: Final = 500
@@ -290,12 +291,12 @@ def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
 def requeue(connection: Connection, job: JobRecord, *, cause: Cause) -> None:
     """Return a running job to its old place in the queue, if it still runs under the same ticket.
 
-    The attempt counts only if the job's worker died. A restart is counted only if the job's server died.
+    The attempt counts only if the job's process or worker died. A restart counts only if its worker or server died.
     """
     values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None, "ticket": None}
-    if cause != "worker lost":
+    if cause not in {"process lost", "worker lost"}:
         values["attempts"] = jobs.c.attempts - 1
-    if cause == "server lost":
+    if cause in {"worker lost", "server lost"}:
         values["restarts"] = jobs.c.restarts + 1
     same = jobs.c.ticket.is_not_distinct_from(job.ticket)
     connection.execute(update(jobs).where(jobs.c.id == job.id, jobs.c.state == "running", same).values(**values))
@@ -340,10 +341,20 @@ def finish(
     return _record(row, unpack_ranking(connection, row.result))
 
 
-def due_callbacks(connection: Connection, now: datetime, limit: int) -> list[JobRecord]:
-    """Return ended jobs whose webhooks are due, the longest due first."""
-    due = select(*_SUMMARY).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
-    return [_record(row) for row in connection.execute(due)]
+def has_due_callback(connection: Connection, now: datetime) -> bool:
+    """Return whether the webhook of a job is due."""
+    return bool(connection.scalar(select(exists().where(jobs.c.callback_due <= now))))
+
+
+def take_callbacks(connection: Connection, now: datetime, until: datetime, limit: int) -> list[JobRecord]:
+    """Return ended jobs whose webhooks are due, the longest due first; no other server takes them before `until`."""
+    due = select(jobs.c.seq).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
+    seqs = connection.scalars(due.with_for_update(skip_locked=True)).all()
+    if not seqs:
+        return []
+    taken = update(jobs).where(jobs.c.seq.in_(seqs)).values(callback_due=until).returning(*_SUMMARY)
+    rows = {row.seq: _record(row) for row in connection.execute(taken)}
+    return [rows[seq] for seq in seqs]
 
 
 def schedule_callback(connection: Connection, job_id: str, attempts: int, due: datetime | None) -> None:

@@ -202,7 +202,7 @@ class Jobs:
             if job is None or not job_rows.is_current(connection, job):
                 return None
             if job.restarts < restarts:
-                job_rows.requeue(connection, job, cause="server lost")
+                job_rows.requeue(connection, job, cause="worker lost")
                 return None
             return job_rows.finish(connection, job.id, "failed", error=dict(error))
 
@@ -322,9 +322,13 @@ class Jobs:
         """Return the jobs that are running in the store."""
         return await self._store.fetch(job_rows.running_jobs)
 
-    async def due_callbacks(self, limit: int) -> list[JobRecord]:
-        """Return ended jobs whose webhooks are due, the longest due first."""
-        return await self._store.fetch(partial(job_rows.due_callbacks, now=datetime.now(UTC), limit=limit))
+    async def take_callbacks(self, limit: int, lease: timedelta) -> list[JobRecord]:
+        """Return ended jobs whose webhooks are due, the longest due first; no other server takes them for `lease`."""
+        now = datetime.now(UTC)
+        if not await self._store.fetch(partial(job_rows.has_due_callback, now=now)):
+            return []  # without a write, which would wait for the disk
+        take = partial(job_rows.take_callbacks, now=now, until=now + lease, limit=limit)
+        return await asyncio.wrap_future(self._store.submit(take))
 
     async def page(self, conditions: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
         """Return what `read_page` returns."""
@@ -350,7 +354,7 @@ class Jobs:
 def _check_queue(connection: Connection, sender: Sender, limits: QueueLimits) -> None:
     waiting = job_rows.count_queued(connection)
     if waiting >= limits.queued:
-        pause = max(1, waiting // (_CLAIMS_A_SECOND * limits.workers))
+        pause = max(1, waiting // (_CLAIMS_A_SECOND * max(1, limits.workers)))
         raise QueueFullError(f"{waiting} jobs wait already", retry_after=pause)
     if limits.owned is None or not sender.owner:
         return

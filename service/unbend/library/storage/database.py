@@ -63,6 +63,11 @@ def is_in_memory(url: str) -> bool:
     return address.get_backend_name() == "sqlite" and address.database in {None, "", ":memory:"}
 
 
+def is_shared(url: str) -> bool:
+    """Return whether several servers and workers can share a library: it is in PostgreSQL."""
+    return _address(url).get_backend_name() != "sqlite"
+
+
 def open_engine(url: str) -> Engine:
     """Return an engine for a library, with this program's settings.
 

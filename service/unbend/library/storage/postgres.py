@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from sqlalchemy import URL, Connection, Engine, create_engine, text
-from sqlalchemy.exc import DBAPIError, TimeoutError  # noqa: A004
+from sqlalchemy.exc import DBAPIError, OperationalError, TimeoutError  # noqa: A004
 
 from unbend.errors import StoreVersionError
 from unbend.extras import extra
@@ -108,15 +108,15 @@ _VERSION: Final = text("SELECT current_setting('server_version_num')::integer / 
 _LOCK: Final = text("SELECT pg_advisory_xact_lock(hashtextextended(:name, 0))")
 
 
-def is_transient(error: BaseException | None) -> bool:
+def is_transient(error: BaseException) -> bool:
     """Return whether an error of the database may be over when the transaction runs again."""
     if isinstance(error, TimeoutError):  # all connections of the pool are in use
-        return False
-    if not isinstance(error, DBAPIError):
+        return True
+    if not isinstance(error, DBAPIError) or not hasattr(error.orig, "sqlstate"):  # another database
         return False
     state = _state(error)
-    # A server that closes a connection without a word leaves no state.
-    return error.connection_invalidated or state in _TRANSIENT or state.startswith(_CONNECTION_LOST)
+    is_silent = isinstance(error, OperationalError) and not state  # the server refused or closed a connection
+    return is_silent or error.connection_invalidated or state[:2] == _CONNECTION_LOST or state in _TRANSIENT
 
 
 def is_disk_full(error: BaseException) -> bool:

@@ -17,7 +17,7 @@ from typing import Any, Final
 from procrastinate import App, JobContext, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
 from psycopg import Error as PsycopgError
-from psycopg_pool import PoolTimeout
+from psycopg_pool import AsyncConnectionPool, PoolTimeout
 
 from unbend.errors import NotFoundError, StoreError, WorkerLostError
 from unbend.jobs.cluster.news import News
@@ -170,7 +170,11 @@ class ClusterDispatcher:
     def _new_connector(self) -> PsycopgConnector:
         options = f"{self._connecting['options']} {_QUEUE_OPTIONS}"
         return PsycopgConnector(
-            kwargs={**self._connecting, "options": options}, min_size=1, max_size=self._pool.size + 4
+            kwargs={**self._connecting, "options": options},
+            min_size=1,
+            max_size=self._pool.size + 4,
+            # Without a test of each connection before its use: this dispatcher begins again when one is lost.
+            pool_factory=lambda **arguments: AsyncConnectionPool(**arguments | {"check": None}),
         )
 
     async def _send_heartbeats(self, context: JobContext) -> None:

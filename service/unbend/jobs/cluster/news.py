@@ -22,6 +22,9 @@ logger = logging.getLogger("unbend.jobs")
 _PUBLISH_SECONDS: Final = 0.25
 """Shortest time between two announcements of progress: clients get no more events either."""
 
+_TAKEN_AWAY: Final = frozenset({"queued", "cancelled"})
+"""States that a running job gets from others than its worker."""
+
 _LISTEN: Final = sql.SQL("LISTEN {}").format(sql.Identifier(CHANNEL))
 _PUBLISH: Final = "SELECT pg_notify(%s, payload) FROM unnest(%s::text[]) AS payload"
 
@@ -44,11 +47,11 @@ class News:
         self._has_unsent = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
-    def start(self, changed: Callable[[str], None]) -> None:
-        """Start to listen, and to publish progress; `changed` takes the id of a job that may have another state."""
+    def start(self, taken: Callable[[str], None]) -> None:
+        """Start to listen, and to publish progress; `taken` takes the id of a job that may run no longer."""
         self._loop = asyncio.get_running_loop()
         self._tasks = [
-            asyncio.create_task(self._listen(changed), name="unbend news"),
+            asyncio.create_task(self._listen(taken), name="unbend news"),
             asyncio.create_task(self._publish(), name="unbend progress"),
         ]
 
@@ -65,18 +68,18 @@ class News:
         if self._loop:
             self._loop.call_soon_threadsafe(self._has_unsent.set)
 
-    async def _listen(self, changed: Callable[[str], None]) -> None:
+    async def _listen(self, taken: Callable[[str], None]) -> None:
         while True:
             with contextlib.suppress(Error):
                 async with await AsyncConnection.connect(**self._connecting, autocommit=True) as connection:
                     await connection.execute(_LISTEN)
                     self._subscriptions.notify_all()  # of whatever was announced while this process did not listen
                     async for each in connection.notifies():
-                        self._hear(each.payload, changed)
+                        self._hear(each.payload, taken)
             logger.warning("the connection for news of jobs was lost; trying again")
             await asyncio.sleep(RETRY_SECONDS)
 
-    def _hear(self, payload: str, changed: Callable[[str], None]) -> None:
+    def _hear(self, payload: str, taken: Callable[[str], None]) -> None:
         heard = json.loads(payload)
         job_id = heard["job"]
         if "progress" in heard:
@@ -85,7 +88,8 @@ class News:
         if heard["state"] != "running":
             self._subscriptions.discard(job_id)
         self._subscriptions.notify_state(job_id)
-        changed(job_id)
+        if heard["state"] in _TAKEN_AWAY:
+            taken(job_id)
 
     async def _publish(self) -> None:
         while True:

@@ -135,8 +135,15 @@ def check_key(key: UploadKey) -> None:
 
 
 def _check_signature(computed: ComputedShape) -> None:
-    packed, chosen = computed.signature, decode_parameters(computed.key.parameters)
-    arrays, about = _archive(packed.payload, _SIGNATURE)
+    arrays, about = _archive(computed.signature.payload, _SIGNATURE)
+    report = computed.report
+    vertices = report["vertices"] if report["simplified_vertices"] is None else report["simplified_vertices"]
+    _check_arrays(arrays, decode_parameters(computed.key.parameters), vertices)
+    _check_values(about, computed.key, computed.signature)
+
+
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], chosen: Parameters, vertices: int) -> None:
+    """Check the arrays of a signature of a surface with so many vertices."""
     points, faces, samples, weights = (arrays[name] for name in _SIGNATURE)
     _must(points.ndim == 2 and faces.ndim == 2 and faces.shape[1] == 3, "a signature whose arrays have wrong shapes")
     count, dimensions = points.shape
@@ -146,13 +153,15 @@ def _check_signature(computed: ComputedShape) -> None:
     _must(0 < dimensions <= most, "a wrong number of dimensions")
     _must(bool(np.isfinite(points).all()), "points that are not finite")
     _must(_in_range(faces, count), "faces with missing corners")
-    report = computed.report
-    vertices = report["vertices"] if report["simplified_vertices"] is None else report["simplified_vertices"]
     _must(_in_range(samples, vertices), "samples that are no vertices")
     _must(bool((weights >= 0).all()) and abs(float(weights.sum()) - 1) <= SHARES_SUM, "weights that are no shares")
-    _must(about["parameters"] == chosen.as_dict(), "a signature of other parameters")
-    _must(packed.parameters == computed.key.parameters, "a signature of other parameters")
-    _must(about["version"] == packed.version == computed.key.version, "a signature of another version")
+
+
+def _check_values(about: Mapping[str, Any], key: UploadKey, packed: PackedSignature) -> None:
+    """Check the JSON of a signature, and the values that the library also has in columns."""
+    _must(about["parameters"] == decode_parameters(key.parameters).as_dict(), "a signature of other parameters")
+    _must(packed.parameters == key.parameters, "a signature of other parameters")
+    _must(about["version"] == packed.version == key.version, "a signature of another version")
     _must(_is_number(about["scale"], 0.0) and about["scale"] > 0, "a scale that is no positive number")
     _must(_is_number(about["stress"], 0.0) and about["stress"] == packed.stress, "a wrong stress")
     _must(_is_number(about["asymmetry"], 0.0), "a wrong asymmetry")
@@ -190,9 +199,8 @@ def _check_local(payload: bytes, area: float) -> None:
     places, growth, reach, distances = (arrays[name] for name in _LOCAL)
     count = len(places)
     _must(places.shape == (count, 3) and growth.shape == (count, RUNGS), "local signatures of a wrong shape")
-    _must(
-        reach.shape == (count,) and distances.shape == (count * (count - 1) // 2,), "local signatures of a wrong shape"
-    )
+    lengths = (count,), (count * (count - 1) // 2,)
+    _must((reach.shape, distances.shape) == lengths, "local signatures of a wrong length")
     _must(bool(np.isfinite(places).all() and np.isfinite(growth).all()), "circles that are not finite")
     _must(bool((growth >= 0).all() and (reach >= 0).all()), "circles that are negative")
     first = about["first"]

@@ -69,12 +69,13 @@ def read_shape(entry: Entry) -> ComputedShape:
 def _computed(entry: Entry, key: UploadKey, parts: Mapping[str, bytes]) -> ComputedShape:
     """Return the values of an entry, which may be of any type."""
     content: Mapping[str, Any] = entry.content
-    warnings = content.get("warnings")
+    warnings: Any = content.get("warnings")
+    warnings = tuple(warnings) if isinstance(warnings, list) else warnings
     is_local = content.get("local_version") == LOCAL_VERSION  # `unbend complete` computes those of another version
     packed = PackedSignature(
         key.parameters, key.version, cast("float", content.get("stress")), parts["signature"],
         {name.removeprefix(_VECTOR): data for name, data in parts.items() if name.startswith(_VECTOR)},
-        tuple(warnings) if isinstance(warnings, list) else (), content.get("dimension"), content.get("boundary"),
+        warnings, content.get("dimension"), content.get("boundary"),
         parts.get("local") if is_local else None,
     )  # fmt: skip
     return ComputedShape(key, packed, cast("float", content.get("area")), content.get("report") or {})

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
@@ -23,6 +24,14 @@ FULL_BYTES: Final = 2**28
 """A file of this size is finished, and another begun: 256 MB are soon copied, and 100,000 meshes need few files."""
 
 _NAME: Final = re.compile(r"\d+-of-(\d+)\.(\d+)")
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """The complete entries of an unfinished file."""
+
+    size: int
+    count: int
 
 
 class ShardWriter:
@@ -55,9 +64,10 @@ class ShardWriter:
         folder.mkdir(parents=True, exist_ok=True)
         self._unfinished = folder / f"{shard.stem}{UNFINISHED}"
         self._handle: int | None = self._locked()
-        self._size, self._count = 0, 0
+        # One value, so that a signal handler that raises never leaves a size without its count.
+        self._reached = _Reached(0, 0)
         for count, entry in enumerate(read_unfinished(self._unfinished)):  # the first entry does not count
-            self._count, self._size = count, entry.end
+            self._reached = _Reached(entry.end, count)
 
     def __enter__(self) -> Self:
         return self
@@ -74,7 +84,7 @@ class ShardWriter:
     def earlier(self) -> Iterator[Entry]:
         """Yield the entries that an interrupted process left in the unfinished file."""
         for entry in read_unfinished(self._unfinished):
-            if entry.end <= self._size and entry.offset:
+            if entry.end <= self._reached.size and entry.offset:
                 yield entry
 
     def finished(self) -> list[Path]:
@@ -91,16 +101,15 @@ class ShardWriter:
 
     def append(self, entry: Sequence[bytes]) -> None:
         """Write an entry, which is on disk after the next `flush`."""
-        if not self._size:
+        if not self._reached.size:
             begin = encode(BEGIN, {"format": FORMAT, "shard": str(self._shard), **self._about}, {})
-            self._write(begin)
-        self._write(entry)
-        self._count += 1
+            self._reached = _Reached(self._write(begin), 0)
+        self._reached = _Reached(self._write(entry), self._reached.count + 1)
 
     def flush(self) -> None:
         """Wait until all entries are on disk; then finish the file if it is full."""
         os.fsync(self._opened())
-        if self._size >= self._full_bytes:
+        if self._reached.size >= self._full_bytes:
             self._finish()
             self._handle = self._locked()
 
@@ -109,7 +118,7 @@ class ShardWriter:
         if self._handle is None:
             return
         try:
-            if self._count:
+            if self._reached.count:
                 self._finish()
             else:
                 self._unfinished.unlink(missing_ok=True)
@@ -118,26 +127,28 @@ class ShardWriter:
                 os.close(self._handle)
                 self._handle = None
 
-    def _write(self, pieces: Sequence[bytes]) -> None:
-        """Write the pieces after the complete entries: an interrupted write leaves nothing that counts."""
-        offset = self._size
+    def _write(self, pieces: Sequence[bytes]) -> int:
+        """Write the pieces after the complete entries, and return the place after them.
+
+        An interrupted write leaves nothing that counts.
+        """
+        offset = self._reached.size
         for piece in pieces:
             view = memoryview(piece)
             while view:
                 written = self._try(os.pwrite, self._opened(), view, offset)
                 offset, view = offset + written, view[written:]
-        self._size = offset
+        return offset
 
     def _finish(self) -> None:
         """Give the file its end and its final name."""
-        self._write(encode(END, {"entries": self._count}, {}))
-        handle = self._opened()
-        self._try(os.ftruncate, handle, self._size)
+        end, handle = self._write(encode(END, {"entries": self._reached.count}, {})), self._opened()
+        self._try(os.ftruncate, handle, end)
         self._try(os.fsync, handle)
         number = 1 + max((_place_of(path) for path in self._folder.glob(f"{self._shard.stem}.*{SUFFIX}")), default=-1)
         self._unfinished.rename(self._folder / f"{self._shard.stem}.{number:04}{SUFFIX}")
         self._sync_folder()
-        self._size, self._count, self._handle = 0, 0, None
+        self._reached, self._handle = _Reached(0, 0), None
         os.close(handle)
 
     def _sync_folder(self) -> None:

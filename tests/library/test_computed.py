@@ -38,6 +38,8 @@ def test_a_pool_computes_and_a_library_stores_what_it_would_compute(library, tmp
         path.write_bytes(small_mesh(number))
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         results = list(pool.map(compute_file, paths, [SAMPLES] * 3))
+        with pytest.raises(MeshMissingError, match="No such file"):
+            pool.submit(compute_file, tmp_path / "missing.ply").result()
     added = [library.add_computed(path, result, label="ring") for path, result in zip(paths, results, strict=True)]
     assert [(shape.name, shape.label, shape.is_new) for shape in added] == [(str(n), "ring", True) for n in range(3)]
     with Library(str(tmp_path / "b.db")) as other:

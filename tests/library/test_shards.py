@@ -6,7 +6,10 @@ import hashlib
 import io
 import json
 import re
+import resource
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -118,16 +121,16 @@ def test_a_writer_continues_wherever_another_was_killed(entries, tmp_path):
     with ShardWriter(tmp_path / "whole", SHARD, {}) as writer:
         for entry in entries:
             writer.append(entry)
-        writer.flush()
-        (unfinished,) = (tmp_path / "whole").glob("*.part")
-        whole = unfinished.read_bytes()
-    expected = accepted((tmp_path / "whole").glob("*.shard"))
+        (unfinished,) = (tmp_path / "whole").iterdir()
+        end = unfinished.stat().st_size
+    (finished,) = (tmp_path / "whole").iterdir()
+    whole, expected = finished.read_bytes(), accepted([finished])  # a file gets its end before its final name
     random = np.random.default_rng(0)
     kept = []
     for number in range(CUTS):
         folder = tmp_path / str(number)
         folder.mkdir()
-        cut = (0, len(whole) - 1, len(whole), int(random.integers(len(whole))))[min(number, 3)]
+        cut = (0, end - 1, end, len(whole), int(random.integers(len(whole))))[min(number, 4)]
         garbage = random.bytes(int(random.integers(200)))  # a power failure may leave anything that was not flushed
         (folder / unfinished.name).write_bytes(whole[:cut] + garbage)
         with ShardWriter(folder, SHARD, {}) as writer:
@@ -152,12 +155,30 @@ def test_an_error_while_writing_leaves_what_was_complete(entries, tmp_path):
     assert (len(shapes), errors) == (1, [])
 
 
-def test_a_full_disk_is_an_error_with_the_file(entries, tmp_path):
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """Let no file of this process become larger, as if the disk were full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_is_an_error_with_the_file_and_the_next_writer_continues(entries, tmp_path):
     place = tmp_path / f"{SHARD.stem}.shard.part"
-    place.symlink_to("/dev/full")
-    with pytest.raises(OSError, match="No space left") as caught, ShardWriter(tmp_path, SHARD, {}) as writer:
-        writer.append(entries[0])
+    size = sum(map(len, entries[0])) + sum(map(len, entries[1])) + 1000
+    with files_of_at_most(size), pytest.raises(OSError, match="File too large") as caught:
+        write_shard(tmp_path, entries, SHARD)
     assert caught.value.filename == str(place)
+    shapes, _, errors = accepted(tmp_path.iterdir())
+    assert (len(shapes), errors) == (1, [])  # there was space for the end
+    with ShardWriter(tmp_path, SHARD, {}) as writer:
+        for entry in entries[2:]:
+            writer.append(entry)
+    shapes, _, errors = accepted(tmp_path.iterdir())
+    assert (len(shapes), errors) == (3, [])
 
 
 # Damage

@@ -118,6 +118,8 @@ def read_unfinished(path: Path) -> Iterator[Entry]:
     try:
         with _opened(path) as file:
             for place, entry in enumerate(_entries(file, path)):
+                if entry.kind == END:  # written, but the file has not got its final name
+                    return
                 if place == 0:
                     _check_begin(entry)
                 for name in entry.parts:

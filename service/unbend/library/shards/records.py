@@ -1,4 +1,4 @@
-"""What a shard has: the results for a file's content, and the description of a file."""
+"""The entries of a shard: results of the content of a file, and descriptions of files."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class ShardWriter:
     """Appends entries to the unfinished file of a shard, and finishes it once it is full and at the end.
 
     The unfinished file has the name of the finished one and `.part`. What is flushed is on disk. A process that
-    continues keeps the entries that are complete, and writes over the rest.
+    continues keeps the entries that are complete, and removes the rest.
 
     Parameters
     ----------
@@ -68,6 +68,7 @@ class ShardWriter:
         self._reached = _Reached(0, 0)
         for count, entry in enumerate(read_unfinished(self._unfinished)):  # the first entry does not count
             self._reached = _Reached(entry.end, count)
+        self._try(os.ftruncate, self._handle, self._reached.size)
 
     def __enter__(self) -> Self:
         return self
@@ -83,9 +84,7 @@ class ShardWriter:
 
     def earlier(self) -> Iterator[Entry]:
         """Yield the entries that an interrupted process left in the unfinished file."""
-        for entry in read_unfinished(self._unfinished):
-            if entry.end <= self._reached.size and entry.offset:
-                yield entry
+        yield from (entry for entry in read_unfinished(self._unfinished) if entry.kind != BEGIN)
 
     def finished(self) -> list[Path]:
         """Return the finished files that may have results for files of this shard, the earliest first.

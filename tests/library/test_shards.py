@@ -132,7 +132,11 @@ def test_a_writer_continues_wherever_another_was_killed(entries, tmp_path):
         folder.mkdir()
         cut = (0, end - 1, end, len(whole), int(random.integers(len(whole))))[min(number, 4)]
         garbage = random.bytes(int(random.integers(200)))  # a power failure may leave anything that was not flushed
-        (folder / unfinished.name).write_bytes(whole[:cut] + garbage)
+        flushed = bytearray(whole[:cut])
+        if number % 3 == 2 and number > 3:
+            lost = int(random.integers(len(flushed)))
+            flushed[lost : lost + 64] = bytes(len(flushed[lost : lost + 64]))
+        (folder / unfinished.name).write_bytes(flushed + garbage)
         with ShardWriter(folder, SHARD, {}) as writer:
             count = len(list(writer.earlier()))
             for entry in entries[count:]:
@@ -199,7 +203,8 @@ def test_damage_at_any_byte_is_an_error_that_names_the_place(shard, tmp_path):
     clean, data = accepted([shard]), shard.read_bytes()
     random = np.random.default_rng(1)
     places = [0, 15, 16, 17, len(data) - 1, *random.integers(len(data), size=FLIPS).tolist()]
-    lines = [entry.offset + 30 for entry in read_entries(shard)]  # few bytes are in lines, and most in parts
+    # Few bytes are in lines or at the ends of entries, and most in parts.
+    lines = [place for entry in read_entries(shard) for place in (entry.offset + 30, entry.end - 1)]
     for place in places + lines:
         flipped = bytearray(data)
         flipped[place] ^= int(random.integers(1, 256))

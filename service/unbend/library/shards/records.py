@@ -13,7 +13,7 @@ from unbend.library.computed import check_computed, check_key
 from unbend.library.packing import PackedSignature
 from unbend.library.requests import UploadKey
 from unbend.library.shape_rows import ComputedShape
-from unbend.library.shards.entries import Entry, check_part, encode, read_part
+from unbend.library.shards.entries import Entry, encode, read_part
 from unbend.local.signatures import LOCAL_VERSION
 
 SHAPE: Final = "shape"
@@ -47,7 +47,7 @@ def key_of(entry: Entry) -> UploadKey:
 
 
 def read_shape(entry: Entry) -> ComputedShape:
-    """Return the results of an entry, without the mesh, whose hash is checked.
+    """Return the results of an entry, without the mesh, which `read_mesh_of` checks.
 
     Raises
     ------
@@ -60,7 +60,6 @@ def read_shape(entry: Entry) -> ComputedShape:
         raise entry.error("the entry is malformed")
     if any(part.size > _MOST_BYTES for name, part in entry.parts.items() if name != "mesh"):
         raise entry.error("a part is too large")
-    check_part(entry, "mesh")
     computed = _computed(entry, key, {name: read_part(entry, name) for name in entry.parts if name != "mesh"})
     _check(entry, partial(check_computed, computed))
     return computed
@@ -82,7 +81,7 @@ def _computed(entry: Entry, key: UploadKey, parts: Mapping[str, bytes]) -> Compu
 
 
 def read_mesh_of(entry: Entry) -> bytes:
-    """Return the mesh of an entry that `read_shape` has accepted; ResultsError if the shard changed since then."""
+    """Return the mesh of an entry that `read_shape` has accepted; ResultsError if it is damaged."""
     return read_part(entry, "mesh")
 
 

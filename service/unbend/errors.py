@@ -157,6 +157,17 @@ class StoreError(UnbendError):
     code = "store"
 
 
+class StoreUnavailableError(StoreError):
+    """The database of the library does not answer now; retry after `retry_after` seconds."""
+
+    code = "store_unavailable"
+    advice = "Try again in a few seconds; if it lasts, check the database and the network."
+
+    def __init__(self, message: str, retry_after: int = 2) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
+
+
 class NotFoundError(StoreError, LookupError):
     """There is no such record."""
 

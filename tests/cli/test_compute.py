@@ -37,7 +37,7 @@ def outcomes(report: Path) -> dict[str, str]:
     return {path: row["outcome"] for path, row in rows_of(report).items()}
 
 
-def state_of(library: Path) -> list[dict]:
+def state_of(library: Path | str) -> list[dict]:
     """Return the shapes in the order of adding with all that is stored of them, except ids and times."""
     found = []
     with Library(str(library)) as opened:
@@ -121,6 +121,14 @@ def test_the_shards_of_a_folder_make_the_library_that_its_import_makes(folder, s
     assert again.stdout == f"{MESHES} of {MESHES} shapes imported: {nothing}"
     known = in_process("import", folder, "--library", tmp_path / "shards.db", "--label-from", "folder", *QUICK)
     assert known.stdout.endswith(nothing)
+
+
+def test_shards_are_imported_into_postgresql_too(shards, postgres_url, tmp_path):
+    for new in (MESHES - COPIES, 0):
+        done = succeeded("import", shards, "--library", postgres_url, "--json", run=in_process)
+        assert json.loads(done.stdout)["new"] == new
+    succeeded("import", shards, "--library", tmp_path / "a.db", run=in_process)
+    assert state_of(postgres_url) == state_of(tmp_path / "a.db")
 
 
 def test_a_second_run_computes_nothing_and_writes_nothing(folder, shards, tmp_path):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from io import BytesIO
 from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,10 +21,18 @@ from unbend.mesh.shapes import torus
 SAMPLES = {"samples": 20}
 
 
-@pytest.fixture
-def library(tmp_path) -> Iterator[Library]:
-    with Library(str(tmp_path / "a.db")) as opened:
-        yield opened
+@pytest.fixture(scope="module")
+def pooled(tmp_path_factory) -> list[tuple[Path, ComputedShape]]:
+    """Meshes, and their results from other processes, which also raise the errors of meshes."""
+    folder = tmp_path_factory.mktemp("meshes")
+    paths = [folder / f"{number}.ply" for number in range(3)]
+    for number, path in enumerate(paths):
+        path.write_bytes(small_mesh(number))
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+        results = list(pool.map(compute_file, paths, [SAMPLES] * 3))
+        with pytest.raises(MeshMissingError, match="No such file"):
+            pool.submit(compute_file, folder / "missing.ply").result()
+    return list(zip(paths, results, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -32,18 +40,11 @@ def computed() -> ComputedShape:
     return compute_file(small_mesh(0), SAMPLES)
 
 
-def test_a_pool_computes_and_a_library_stores_what_it_would_compute(library, tmp_path):
-    paths = [tmp_path / f"{number}.ply" for number in range(3)]
-    for number, path in enumerate(paths):
-        path.write_bytes(small_mesh(number))
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-        results = list(pool.map(compute_file, paths, [SAMPLES] * 3))
-        with pytest.raises(MeshMissingError, match="No such file"):
-            pool.submit(compute_file, tmp_path / "missing.ply").result()
-    added = [library.add_computed(path, result, label="ring") for path, result in zip(paths, results, strict=True)]
+def test_a_library_stores_what_a_pool_has_computed_as_if_it_had_computed_it(library, pooled, tmp_path):
+    added = [library.add_computed(path, result, label="ring") for path, result in pooled]
     assert [(shape.name, shape.label, shape.is_new) for shape in added] == [(str(n), "ring", True) for n in range(3)]
     with Library(str(tmp_path / "b.db")) as other:
-        for path, shape in zip(paths, added, strict=True):
+        for (path, _), shape in zip(pooled, added, strict=True):
             stored = other.add(path, label="ring", parameters=SAMPLES)
             own = {"id", "created_at", "updated_at"}
             assert {k: v for k, v in shape.state.items() if k not in own} == {

@@ -30,6 +30,7 @@ from unbend.cli.show import show
 from unbend.cli.signature import signature
 from unbend.cli.symmetry import symmetry
 from unbend.cli.transfer import transfer
+from unbend.cli.worker import worker
 
 # Set before NumPy is loaded. unbend uses all cores with its own threads and processes. OpenBLAS' threads would slow
 # them down, because they spin while they wait, and unbend's matrices are too small to gain from them.
@@ -52,6 +53,6 @@ def main() -> None:
 
 for command in (
     serve, signature, flatten, show, compare, match, transfer, symmetry, compute, import_folder, export, list_shapes,
-    label, remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo,
+    label, remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo, worker,
 ):  # fmt: skip
     main.add_command(command)

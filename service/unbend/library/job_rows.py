@@ -21,10 +21,11 @@ from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
 from unbend.results.jobs import ENDED_STATES, UNFINISHED_STATES, JobKind, JobState
 
-Cause = Literal["worker lost", "server lost", "stopped", "shape removed"]
+Cause = Literal["process lost", "worker lost", "server lost", "stopped", "shape removed"]
 """The cause for which a running job returns to the queue.
 
-Its process died, its server died, its server stops, or somebody removed the known shape that would be its result.
+Its process died; the worker of a cluster that ran it died, or was cut off; its server died; its server stops; or
+somebody removed the known shape that would be its result.
 """
 
 _BATCH: Final = 500
@@ -36,6 +37,7 @@ _SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
 _UNFINISHED = jobs.c.state.in_(UNFINISHED_STATES)
 _ENQUEUE = insert(jobs).returning(*jobs.c)
 _GET = select(jobs).where(jobs.c.id == bindparam("job_id"))
+_LOCK = select(jobs.c.state, jobs.c.ticket).where(jobs.c.id == bindparam("job_id")).with_for_update()
 _SENT = (
     select(jobs)
     .where(jobs.c.idempotency == bindparam("idempotency"), jobs.c.created_at >= bindparam("since", type_=Instant()))
@@ -61,6 +63,7 @@ _OLDEST = (
     .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_EQUAL_UPLOAD_RUNS)
     .order_by(jobs.c.seq)
     .limit(1)
+    .with_for_update(of=jobs, skip_locked=True)
 )
 _NTH = (
     select(jobs.c.seq)
@@ -73,10 +76,15 @@ _CLAIM = (
     update(jobs)
     .where(jobs.c.seq == bindparam("chosen"), jobs.c.state == "queued")
     .values(
-        state="running", stage="starting", attempts=jobs.c.attempts + 1, started_at=bindparam("now", type_=Instant())
+        state="running",
+        stage="starting",
+        attempts=jobs.c.attempts + 1,
+        started_at=bindparam("now", type_=Instant()),
+        ticket=bindparam("ticket", type_=jobs.c.ticket.type),
     )
     .returning(*jobs.c)
 )
+_CLAIMED = select(jobs).where(jobs.c.state == "running", jobs.c.ticket == bindparam("ticket"))
 _FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).returning(*jobs.c)
 
 
@@ -97,9 +105,15 @@ class Sender:
 ANONYMOUS: Final = Sender()
 
 
+def new_id() -> str:
+    """Return the id of a new job."""
+    return uuid.uuid4().hex
+
+
 def enqueue(
     connection: Connection,
     *,
+    job_id: str,
     key: UploadKey,
     file_type: str,
     request: JobRequest,
@@ -110,7 +124,7 @@ def enqueue(
     row = connection.execute(
         _ENQUEUE,
         {
-            "id": uuid.uuid4().hex, "kind": kind_of(request), "state": "queued", "stage": "queued", "progress": 0.0,
+            "id": job_id, "kind": kind_of(request), "state": "queued", "stage": "queued", "progress": 0.0,
             "attempts": 0, "restarts": 0, "mesh_sha256": key.sha256, "file_type": file_type,
             "parameters": key.parameters, "policy": key.policy, "request": request.as_dict(),
             "created_at": datetime.now(UTC), "shape_id": shape_id, **vars(sender),
@@ -127,10 +141,25 @@ def find_sent(connection: Connection, idempotency: str, since: datetime) -> JobR
 
 def get_job(connection: Connection, job_id: str) -> JobRecord:
     """Return a job; NotFoundError if there is none of this id."""
-    row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
-    if row is None:
+    job = find_job(connection, job_id)
+    if job is None:
         raise NotFoundError(f"no job {job_id}; it may have ended long ago and been deleted")
-    return _record(row, unpack_ranking(connection, row.result))
+    return job
+
+
+def find_job(connection: Connection, job_id: str) -> JobRecord | None:
+    """Return a job; None if there is none of this id."""
+    row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
+    return None if row is None else _record(row, unpack_ranking(connection, row.result))
+
+
+def is_current(connection: Connection, job: JobRecord) -> bool:
+    """Return whether a job has not ended and still has the same ticket, and let nobody change that meanwhile.
+
+    A job has another ticket if its worker was cut off for so long that the queue gave it to another worker.
+    """
+    row = connection.execute(_LOCK, {"job_id": job.id}).one_or_none()
+    return row is not None and row.state in UNFINISHED_STATES and row.ticket == job.ticket
 
 
 @dataclass(frozen=True)
@@ -205,16 +234,25 @@ def count_unfinished(connection: Connection, owner: str) -> int:
     return connection.scalar(_COUNT_UNFINISHED, {"owner": owner}) or 0
 
 
-def claim(connection: Connection) -> JobRecord | None:
+def claim(connection: Connection, ticket: int | None = None) -> JobRecord | None:
     """Start the next job and return it; None if no queued job can start.
 
     API keys take turns: next is the oldest job of the key with the fewest running jobs. An upload waits while an equal
-    upload runs, because it can then use the stored shape.
+    upload runs, because it can then use the stored shape. A ticket claims one job, however often it is used.
     """
+    if ticket is not None and (job := claimed(connection, ticket)):
+        return job
     seq = _next(connection)
     if seq is None:
         return None
-    row = connection.execute(_CLAIM, {"chosen": seq, "now": datetime.now(UTC)}).one_or_none()
+    values = {"chosen": seq, "ticket": ticket, "now": datetime.now(UTC)}
+    row = connection.execute(_CLAIM, values).one_or_none()
+    return None if row is None else _record(row)
+
+
+def claimed(connection: Connection, ticket: int) -> JobRecord | None:
+    """Return the job that runs under a ticket."""
+    row = connection.execute(_CLAIMED, {"ticket": ticket}).one_or_none()
     return None if row is None else _record(row)
 
 
@@ -250,17 +288,18 @@ def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
     return {row.owner: row.number for row in connection.execute(_BY_OWNER, {"state": state})}
 
 
-def requeue(connection: Connection, job_id: str, *, cause: Cause) -> None:
-    """Return a running job to its old place in the queue.
+def requeue(connection: Connection, job: JobRecord, *, cause: Cause) -> None:
+    """Return a running job to its old place in the queue, if it still runs under the same ticket.
 
-    The attempt counts only if the job's worker died. A restart is counted only if the job's server died.
+    The attempt counts only if the job's process or worker died. A restart counts only if its worker or server died.
     """
-    values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
-    if cause != "worker lost":
+    values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None, "ticket": None}
+    if cause not in {"process lost", "worker lost"}:
         values["attempts"] = jobs.c.attempts - 1
-    if cause == "server lost":
+    if cause in {"worker lost", "server lost"}:
         values["restarts"] = jobs.c.restarts + 1
-    connection.execute(update(jobs).where(jobs.c.id == job_id, jobs.c.state == "running").values(**values))
+    same = jobs.c.ticket.is_not_distinct_from(job.ticket)
+    connection.execute(update(jobs).where(jobs.c.id == job.id, jobs.c.state == "running", same).values(**values))
 
 
 def finish(
@@ -302,10 +341,20 @@ def finish(
     return _record(row, unpack_ranking(connection, row.result))
 
 
-def due_callbacks(connection: Connection, now: datetime, limit: int) -> list[JobRecord]:
-    """Return ended jobs whose webhooks are due, the longest due first."""
-    due = select(*_SUMMARY).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
-    return [_record(row) for row in connection.execute(due)]
+def has_due_callback(connection: Connection, now: datetime) -> bool:
+    """Return whether the webhook of a job is due."""
+    return bool(connection.scalar(select(exists().where(jobs.c.callback_due <= now))))
+
+
+def take_callbacks(connection: Connection, now: datetime, until: datetime, limit: int) -> list[JobRecord]:
+    """Return ended jobs whose webhooks are due, the longest due first; no other server takes them before `until`."""
+    due = select(jobs.c.seq).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
+    seqs = connection.scalars(due.with_for_update(skip_locked=True)).all()
+    if not seqs:
+        return []
+    taken = update(jobs).where(jobs.c.seq.in_(seqs)).values(callback_due=until).returning(*_SUMMARY)
+    rows = {row.seq: _record(row) for row in connection.execute(taken)}
+    return [rows[seq] for seq in seqs]
 
 
 def schedule_callback(connection: Connection, job_id: str, attempts: int, due: datetime | None) -> None:

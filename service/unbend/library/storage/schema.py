@@ -7,6 +7,7 @@ from typing import Any
 
 from sqlalchemy import (
     JSON,
+    BigInteger,
     Column,
     Dialect,
     Float,
@@ -159,6 +160,7 @@ jobs = Table(
     Column("callback", String),
     Column("callback_attempts", Integer, nullable=False, server_default="0"),
     Column("callback_due", Instant),
+    Column("ticket", BigInteger),
     Index(None, "state", "seq"),
     Index(None, "state", "owner", "seq"),
     Index(None, "idempotency"),
@@ -167,7 +169,7 @@ jobs = Table(
     Index(None, "shape_id"),
     Index(None, "finished_at"),
     sqlite_autoincrement=True,
-    comment="The queue and its history.",
+    comment="The queue and its history. ticket is the delivery of a cluster's queue by which a worker claimed the job.",
 )
 
 job_files = Table(

@@ -41,6 +41,7 @@
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
     ├── ExtraMissingError         a package of an extra is not installed
+    ├── ResultsError              results that were computed elsewhere cannot be used
     ├── IdempotencyError          a different request had the same idempotency key
     └── ServiceError              the service did not respond, or responded with an unknown error
 
@@ -384,6 +385,13 @@ class ExtraMissingError(UnbendError, ImportError):
 
     code = "extra_missing"
     advice = "Install the extra that the message names."
+
+
+class ResultsError(UnbendError, ValueError):
+    """Results that were computed elsewhere are damaged, or are of another version of the algorithm."""
+
+    code = "results"
+    advice = "Compute the results again with this version of unbend."
 
 
 class IdempotencyError(UnbendError, ValueError):

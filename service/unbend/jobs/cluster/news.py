@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 import json
 import logging
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from psycopg import AsyncConnection, Error, sql
@@ -29,6 +30,16 @@ _LISTEN: Final = sql.SQL("LISTEN {}").format(sql.Identifier(CHANNEL))
 _PUBLISH: Final = "SELECT pg_notify(%s, payload) FROM unnest(%s::text[]) AS payload"
 
 
+@dataclass(frozen=True)
+class WorkerNews:
+    """What a worker tells of itself with each heartbeat."""
+
+    id: str
+    processes: int
+    running: int
+    """Number of claimed jobs."""
+
+
 class News:
     """Tells the subscribers of this process what happens in others. Used within one event loop.
 
@@ -43,7 +54,8 @@ class News:
         self._connecting = connecting
         self._subscriptions = subscriptions
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._unsent: dict[str, Progress] = {}
+        self._unsent: dict[str, str] = {}  # payloads, by what they are about; a later one replaces an earlier one
+        self._workers: dict[str, tuple[float, WorkerNews]] = {}
         self._has_unsent = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -64,7 +76,20 @@ class News:
     def report(self, job_id: str, progress: Progress) -> None:
         """Tell the subscribers of all processes the progress of a job; safe in any thread."""
         self._subscriptions.report(job_id, progress)
-        self._unsent[job_id] = progress
+        self._send(job_id, {"job": job_id, "progress": asdict(progress)})
+
+    def report_worker(self, worker: WorkerNews) -> None:
+        """Tell all processes that a worker runs; safe in any thread."""
+        self._send(worker.id, {"worker": asdict(worker)})
+
+    def workers(self, seconds: float) -> list[WorkerNews]:
+        """Return the workers that were heard of within the last `seconds`, this process's too."""
+        oldest = time.monotonic() - seconds
+        self._workers = {each: heard for each, heard in self._workers.items() if heard[0] >= oldest}
+        return [worker for _, worker in self._workers.values()]
+
+    def _send(self, about: str, payload: Mapping[str, Any]) -> None:
+        self._unsent[about] = json.dumps(payload)
         if self._loop:
             self._loop.call_soon_threadsafe(self._has_unsent.set)
 
@@ -81,6 +106,10 @@ class News:
 
     def _hear(self, payload: str, taken: Callable[[str], None]) -> None:
         heard = json.loads(payload)
+        if "worker" in heard:
+            worker = WorkerNews(**heard["worker"])
+            self._workers[worker.id] = time.monotonic(), worker
+            return
         job_id = heard["job"]
         if "progress" in heard:
             self._subscriptions.report(job_id, Progress(**heard["progress"]))
@@ -105,4 +134,4 @@ class News:
         """Return what to publish, and forget it."""
         self._has_unsent.clear()
         unsent, self._unsent = self._unsent, {}
-        return [json.dumps({"job": job_id, "progress": asdict(each)}) for job_id, each in unsent.items()]
+        return list(unsent.values())

@@ -1,4 +1,4 @@
-"""What starts a cluster: compose.cluster.yaml, and the Helm chart as Helm renders it."""
+"""Compose and Helm start a cluster: the file compose.cluster.yaml, and the chart as Helm renders it."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from unbend.api import create_app
 from unbend.api.server.configuration import OTHER_VARIABLES
 from unbend.api.server.settings import Settings
 from unbend.cli import main
+from unbend.library.storage.schema import jobs
 
 ROOT = Path(__file__).parent.parent
 COMPOSE = ROOT / "compose.cluster.yaml"
@@ -110,7 +111,9 @@ def container(objects: list[dict[str, Any]], pod: str) -> dict[str, Any]:
 def variables(objects: list[dict[str, Any]]) -> dict[str, str]:
     """Return every UNBEND_ variable of a chart, with its value if it has one."""
     own = [each for pod in pods(objects).values() for of in pod["containers"] for each in of.get("env", [])]
-    given = {each["name"]: each.get("value", "") for each in own} | dict(kind(objects, "ConfigMap")["shapes-unbend"]["data"])
+    given = {each["name"]: each.get("value", "") for each in own} | dict(
+        kind(objects, "ConfigMap")["shapes-unbend"]["data"]
+    )
     return {name: value for name, value in given.items() if name.startswith("UNBEND_")}
 
 
@@ -122,7 +125,9 @@ def parsed(command: list[str]) -> dict[str, Any]:
 
 def check_settings(values: dict[str, str]) -> None:
     """Fail unless a server accepts these variables."""
-    fields = {name.removeprefix("UNBEND_").lower(): value for name, value in values.items() if name not in OTHER_VARIABLES}
+    fields = {
+        name.removeprefix("UNBEND_").lower(): value for name, value in values.items() if name not in OTHER_VARIABLES
+    }
     assert fields.keys() <= Settings.model_fields.keys()
     Settings(**fields)
 
@@ -211,7 +216,7 @@ def test_helm_finds_nothing_wrong_with_the_chart():
 )  # fmt: skip
 def test_the_chart_refuses_wrong_values(wrong):
     helm = pytest.importorskip("helm_python", reason="helm-python-sdk is not installed")
-    with helm.Chart.load(CHART) as chart, pytest.raises(helm.HelmError, match="^unbend:"):
+    with helm.Chart.load(CHART) as chart, pytest.raises(helm.HelmError, match=r"^unbend:"):
         chart.validate_schema(wrong)
 
 
@@ -304,8 +309,6 @@ def test_the_password_comes_from_a_secret():
 
 
 def test_workers_scale_with_the_unfinished_jobs():
-    from unbend.library.storage.schema import jobs  # noqa: PLC0415
-
     objects = rendered("full")
     (scaled,) = kind(objects, "ScaledObject").values()
     (trigger,) = scaled["spec"]["triggers"]
@@ -315,7 +318,10 @@ def test_workers_scale_with_the_unfinished_jobs():
     assert "replicas" not in kind(objects, "Deployment")["shapes-unbend-worker"]["spec"]
     args = container(objects, "shapes-unbend-worker")["args"]
     assert trigger["metadata"]["targetQueryValue"] == args[args.index("--workers") + 1]
-    assert re.search(r"FROM (\w+) WHERE (\w+) IN", trigger["metadata"]["query"]).groups() == (jobs.name, jobs.c.state.name)
+    assert re.search(r"FROM (\w+) WHERE (\w+) IN", trigger["metadata"]["query"]).groups() == (
+        jobs.name,
+        jobs.c.state.name,
+    )
 
 
 @pytest.mark.parametrize("name", ["minimal", "full", "by processors"])
@@ -347,7 +353,7 @@ def test_the_ingress_and_the_service_agree_about_the_prefix():
     assert container(objects, "shapes-unbend-test")["command"][-1] == "http://shapes-unbend:80/shapes/v1/readyz"
 
 
-@pytest.mark.parametrize("value", [name for name in yaml.safe_load((CHART / "values.yaml").read_text())])
+@pytest.mark.parametrize("value", list(yaml.safe_load((CHART / "values.yaml").read_text())))
 def test_the_page_explains_each_part_of_the_values(value):
     assert re.search(rf"`{value}[`.]", PAGE.read_text())
 

@@ -66,8 +66,9 @@ def test_a_path_outside_the_prefix_is_not_served(http, address):
 
 
 def test_the_log_has_the_address_of_the_client_and_not_one_that_it_claims(http, server):
-    id = http.delete("/v1/shapes/absent", headers={"X-Forwarded-For": "203.0.113.9"}).headers["X-Request-ID"]
-    (entry,) = re.findall(rf"unbend\.audit: (.*) \[request_id={id}\]", server.log.read_text())
+    response = http.delete("/v1/shapes/absent", headers={"X-Forwarded-For": "203.0.113.9"})
+    request = response.headers["X-Request-ID"]
+    (entry,) = re.findall(rf"unbend\.audit: (.*) \[request_id={request}\]", server.log.read_text())
     assert json.loads(entry)["client"] == CLIENT
 
 

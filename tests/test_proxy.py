@@ -92,7 +92,7 @@ def test_a_long_poll_lasts_as_long_as_it_asks_for(http):
 
 
 def test_the_service_limits_the_size_of_uploads_and_a_refused_one_does_not_disturb_the_next(http):
-    # Without `Connection: close`, one of a hundred requests after such a refusal got 431 from Caddy.
+    # Without `Connection: close`, Caddy sometimes answers 431 to the next request.
     for _ in range(20):
         response = post_mesh(http, bytes(3 * 2**20))
         assert (response.status_code, response.json()["code"]) == (413, "upload_too_large")

@@ -100,6 +100,29 @@ def test_the_service_limits_the_size_of_uploads_and_a_refused_one_does_not_distu
     assert ended(http, post_mesh(http, small_mesh(11), parameters=json.dumps(SAMPLES)))["state"] == "succeeded"
 
 
+def test_no_reader_notices_that_a_replica_is_killed(server, tmp_path):
+    with Server(tmp_path / "second", workers=1, root_path=PREFIX, trusted_proxies="127.0.0.1", open=True) as second:
+        upstreams = [urlsplit(each.url).netloc for each in (server, second)]
+        with proxy(tmp_path, upstreams, PREFIX) as url, ThreadPoolExecutor() as pool:
+            end = time.monotonic() + 4
+
+            def read() -> list[int]:
+                with httpx.Client(base_url=f"{url}{PREFIX}", timeout=PATIENCE) as client:
+                    statuses = []
+                    while time.monotonic() < end:
+                        statuses.append(client.get("/v1/shapes").status_code)
+                        time.sleep(0.01)
+                return statuses
+
+            readers = [pool.submit(read) for _ in range(4)]
+            time.sleep(1)
+            answered = second.log.read_text().count("GET /v1/shapes")
+            second.kill()
+            found = [status for reader in readers for status in reader.result()]
+    assert answered
+    assert set(found) == {200}
+
+
 def test_without_a_ready_replica_the_proxy_answers_503_and_when_to_try_again(tmp_path):
     upstreams = [f"127.0.0.1:{free_port()}" for _ in range(2)]
     with proxy(tmp_path, upstreams) as url, ThreadPoolExecutor() as pool:

@@ -34,6 +34,7 @@ from tests.support.server import cpu_seconds
 from unbend.jobs.batch import compute_upload
 from unbend.library import Library
 from unbend.library.requests import ShapeRequest
+from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.schema import metadata
 from unbend.mesh.policy import MeshPolicy
 from unbend.signature.parameters import Parameters
@@ -164,11 +165,11 @@ def measured(server: Postgres, name: str) -> Kind:
     )
 
 
-def compute(path: Path, *, local: bool):
+def compute(path: Path, *, local: bool) -> ComputedShape:
     return compute_upload(path, Parameters(), MeshPolicy(), local=local)
 
 
-def store(library: Library, path: Path, computed) -> None:
+def store(library: Library, path: Path, computed: ComputedShape) -> None:
     request = ShapeRequest.of(path.stem, {"name": None, "label": "a class", "metadata": None}, "keep")
     library.shapes.submit(computed, request, path.read_bytes).result()
 

@@ -68,8 +68,11 @@ def test_a_path_outside_the_prefix_is_not_served(http, address):
 def test_the_log_has_the_address_of_the_client_and_not_one_that_it_claims(http, server):
     response = http.delete("/v1/shapes/absent", headers={"X-Forwarded-For": "203.0.113.9"})
     request = response.headers["X-Request-ID"]
-    (entry,) = re.findall(rf"unbend\.audit: (.*) \[request_id={request}\]", server.log.read_text())
-    assert json.loads(entry)["client"] == CLIENT
+    end = time.monotonic() + PATIENCE  # the line follows the response
+    while not (found := re.search(rf"unbend\.audit: (.*) \[request_id={request}\]", server.log.read_text())):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    assert json.loads(found[1])["client"] == CLIENT
 
 
 def test_events_arrive_while_the_job_runs(http):

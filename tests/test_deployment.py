@@ -364,3 +364,16 @@ def test_commands_of_the_page_use_files_that_exist():
         for word in shlex.split(line):
             if word.endswith(".yaml") or word.startswith("./charts"):
                 assert (ROOT / word).exists() or word.startswith("my-"), word
+
+
+def test_the_values_of_the_page_render():
+    helm = pytest.importorskip("helm_python", reason="helm-python-sdk is not installed")
+    (example,) = re.findall(r"^```yaml\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    values = yaml.safe_load(example)
+    with helm.Chart.load(CHART) as chart:
+        chart.validate_schema(values)
+        files = chart.render(values, name="shapes", namespace="shapes")
+    deployments = {name: text for name, text in files.items() if "kind: Deployment" in text}
+    assert len(deployments) == 2
+    named = {each["metadata"]["name"] for text in deployments.values() for each in yaml.safe_load_all(text)}
+    assert set(re.findall(r"exec deploy/(\S+)", PAGE.read_text())) <= named

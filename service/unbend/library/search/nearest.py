@@ -1,0 +1,303 @@
+"""Nearest shapes and classes by a database that has vectors (`vector_rows`): exactly, or by an approximate index.
+
+The index yields candidates in half precision. They are ordered again here, by the same single-precision distances as
+those of the index in memory, so both answers differ only where the database's index misses a shape.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from sqlalchemy import (
+    BindParameter,
+    ColumnElement,
+    Connection,
+    LargeBinary,
+    Select,
+    bindparam,
+    cast,
+    func,
+    literal,
+    select,
+)
+from sqlalchemy.dialects.postgresql import JSONB
+from sqlalchemy.engine import Row
+
+from unbend.arrays import Floats, Indices, Singles
+from unbend.errors import ParameterError
+from unbend.library.storage.schema import library_state, shapes
+from unbend.library.vector_rows import METADATA, Partition, VectorKind, as_text, from_bytes, vector_type, vectors
+from unbend.matching.classification import SAMPLE, Classification, ClassSamples, classify
+from unbend.matching.classification.calibration import calibration_of
+from unbend.matching.gallery import Gallery
+
+FROM_CANDIDATES: Final = frozenset({"nearest", "vote"})
+"""The classifiers for which the nearest shapes suffice. The others need the vectors of all shapes."""
+
+MOST: Final = 1000
+"""Largest number of shapes that the index is asked for, as pgvector limits its list of candidates."""
+
+_LEAST: Final = 100
+"""Least number of candidates that are ordered again: in half precision, one in forty of the ten nearest is farther."""
+
+_LEAST_SHARE: Final = 3
+"""With a filter, each candidate costs a scan of many others: so many candidates for each shape that is asked for."""
+
+_EXACT_ROWS: Final = 20_000
+"""A filter that keeps at most so many shapes is answered exactly, by all of them."""
+
+_MARGIN: Final = 10
+"""More rows than asked for are read, because the database rounds sums in another order."""
+
+_CLASS_CANDIDATES: Final = 1000
+_STALE_SHARE: Final = 0.05
+"""Samples are drawn again after changes of more than this share of the shapes."""
+
+_CLASS_MEMBERS: Final = 256
+"""Nearest members of the best class that decide whether a query is known (see `calibration.is_known`)."""
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Conditions on shapes."""
+
+    label: str | None = None
+    """Only shapes of this class, if given."""
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    """Members that the metadata must contain, with these values."""
+    is_labelled: bool = False
+    """Only shapes that have a class."""
+
+    def __bool__(self) -> bool:
+        return self.label is not None or bool(self.metadata) or self.is_labelled
+
+    @property
+    def conditions(self) -> list[ColumnElement[bool]]:
+        """The conditions in SQL."""
+        found: list[ColumnElement[bool]] = []
+        if self.label is not None:
+            found.append(shapes.c.label == self.label)
+        if self.is_labelled:
+            found.append(shapes.c.label.is_not(None))
+        if self.metadata:
+            found.append(METADATA.op("@>", is_comparison=True)(literal(dict(self.metadata), JSONB)))
+        return found
+
+
+EVERY: Final = Filter()
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The shapes nearest to a query, nearest first; those at one distance are in the order of adding."""
+
+    seqs: Indices
+    """Their places in the order of adding, (n,)."""
+    labels: tuple[str | None, ...]
+    distances: Floats
+    """(n,)."""
+    vectors: Singles
+    """(n, d)."""
+    is_exact: bool
+    """Whether every shape was compared, so that no nearer one is missing."""
+
+
+def find_nearest(
+    connection: Connection,
+    partition: Partition,
+    query: Singles,
+    count: int,
+    only: Filter = EVERY,
+    *,
+    without: int = 0,
+    exact: bool = False,
+) -> Nearest:
+    """Return the shapes nearest to a query.
+
+    Parameters
+    ----------
+    connection : Connection
+        In a transaction, whose settings of the search this changes.
+    partition : Partition
+    query : (d,) float32
+    count : int
+        At least 1.
+    only : Filter, optional
+    without : int, default 0
+        A shape that is left out, by its place in the order of adding: the query itself if it is stored.
+    exact : bool, default False
+        Compare every shape. This is also done if there are few, or more are asked for than the index can find.
+
+    Raises
+    ------
+    ParameterError
+        If the query has another number of dimensions than the partition.
+    """
+    if query.shape != (partition.dimensions,):
+        raise ParameterError(f"a query of shape {query.shape} does not match {partition.dimensions} dimensions")
+    is_exact = exact or not partition.is_indexed or count > MOST or (bool(only) and _are_few(connection, only))
+    if is_exact:
+        wanted = count + _MARGIN
+        order = vectors.c.embedding.op("<+>")(cast(bindparam("query"), vector_type("vector")))
+    else:
+        wanted = min(_LEAST_SHARE * count, MOST) if only else max(count, _LEAST)
+        half = vector_type(f"halfvec({partition.dimensions})")
+        order = partition.halves.op("<+>")(cast(bindparam("query"), half))
+        _set(connection, ef_search=max(wanted, _LEAST))
+    rows = connection.execute(_statement(partition, order, wanted, only, without), {"query": as_text(query)}).all()
+    return _ordered(partition, query, rows, count, is_exact)
+
+
+def _statement(
+    partition: Partition, order: ColumnElement[Any], wanted: int, only: Filter, without: int
+) -> Select[*tuple[Any, ...]]:
+    chosen = select(vectors.c.seq, vectors.c.embedding).where(partition.own)
+    if without:
+        chosen = chosen.where(vectors.c.seq != without)
+    if only:
+        chosen = chosen.join(shapes, shapes.c.seq == vectors.c.seq).where(*only.conditions)
+    # The limit is part of the text: a plan for any limit would not use the index.
+    limit: BindParameter[int] = bindparam("wanted", wanted, literal_execute=True)
+    nearest = chosen.order_by(order).limit(limit).subquery("nearest")
+    sent = func.vector_send(nearest.c.embedding, type_=LargeBinary)
+    return select(nearest.c.seq, shapes.c.label, sent).join(shapes, shapes.c.seq == nearest.c.seq)
+
+
+def _set(connection: Connection, ef_search: int) -> None:
+    """Set the number of candidates of this transaction's searches, and let filters ask for more."""
+    settings = {"hnsw.ef_search": str(ef_search), "hnsw.iterative_scan": "relaxed_order"}
+    connection.execute(select(*(func.set_config(name, value, True) for name, value in settings.items())))
+
+
+def _are_few(connection: Connection, only: Filter) -> bool:
+    """Return whether a filter keeps few shapes. The count ends at the limit, and needs no statistics."""
+    some = select(shapes.c.seq).where(*only.conditions).limit(_EXACT_ROWS + 1).subquery()
+    return (connection.scalar(select(func.count()).select_from(some)) or 0) <= _EXACT_ROWS
+
+
+def _ordered(
+    partition: Partition, query: Singles, rows: Sequence[Row[*tuple[Any, ...]]], count: int, is_exact: bool
+) -> Nearest:
+    if not rows:
+        return Nearest(
+            np.empty(0, np.int64), (), np.empty(0), np.empty((0, partition.dimensions), np.float32), is_exact
+        )
+    places, labels, sent = zip(*rows, strict=True)
+    seqs, found = np.array(places), from_bytes(sent, partition.dimensions)
+    distances = partition.kind.measure.distances(query, found)
+    order = np.lexsort((seqs, distances))[:count]
+    return Nearest(seqs[order], tuple(labels[row] for row in order), distances[order], found[order], is_exact)
+
+
+def classify_nearest(
+    connection: Connection,
+    partition: Partition,
+    query: Singles,
+    samples: ClassSamples,
+    classifier: str,
+    only: Filter = EVERY,
+    *,
+    without: int = 0,
+    exact: bool = False,
+) -> Classification:
+    """Classify a query by its nearest labelled shapes.
+
+    The result has the classes of these shapes. The distances of the other classes, which lower the confidences, are
+    estimated from samples. `known` depends on the nearest members of the best class, which are found exactly.
+
+    Parameters
+    ----------
+    connection : Connection
+    partition : Partition
+    query : (d,) float32
+    samples : ClassSamples
+        Of the partition's classes.
+    classifier : str
+        One of FROM_CANDIDATES.
+    only, without, exact
+        As in `find_nearest`.
+
+    Raises
+    ------
+    ParameterError
+        If the classifier needs all shapes.
+    """
+    if classifier not in FROM_CANDIDATES:
+        raise ParameterError(f"{classifier} needs the vectors of all shapes, not only those of the nearest ones")
+    measure, exponent = partition.kind.measure, calibration_of(partition.kind.measure.name).exponents[classifier]
+    labelled = replace(only, is_labelled=True)
+    near = find_nearest(connection, partition, query, _CLASS_CANDIDATES, labelled, without=without, exact=exact)
+    first = classify(_gallery(near), measure, query, near.distances, classifier)
+    if not first.matches:
+        return first
+    best = replace(only, label=first.matches[0].label)
+    members = find_nearest(connection, partition, query, _CLASS_MEMBERS, best, without=without, exact=exact)
+    every = _joined(near, members)
+    absent = None
+    if len(near.seqs) == _CLASS_CANDIDATES:
+        present = {label for label in near.labels if label is not None}
+        absent = samples.absent(query, measure, present, float(near.distances[-1]), exponent)
+    return classify(_gallery(every), measure, query, every.distances, classifier, absent)
+
+
+def _gallery(found: Nearest) -> Gallery:
+    return Gallery.of(found.vectors, found.labels)
+
+
+def _joined(one: Nearest, other: Nearest) -> Nearest:
+    """Return the shapes of both, each once."""
+    seqs, rows = np.unique(np.concatenate([one.seqs, other.seqs]), return_index=True)
+    labels = (*one.labels, *other.labels)
+    return Nearest(
+        seqs, tuple(labels[row] for row in rows), np.concatenate([one.distances, other.distances])[rows],
+        np.concatenate([one.vectors, other.vectors])[rows], one.is_exact and other.is_exact,
+    )  # fmt: skip
+
+
+class SampledClasses:
+    """Samples of the classes of partitions, in memory. They are drawn again when many shapes changed. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._drawn: dict[VectorKind, tuple[str, int, ClassSamples]] = {}
+
+    def of(self, connection: Connection, partition: Partition) -> ClassSamples:
+        """Return the samples of a partition's classes, which may lack the last changes of a few shapes."""
+        with self._lock:
+            epoch, revision = connection.execute(select(library_state.c.epoch, library_state.c.revision)).one()
+            drawn = self._drawn.get(partition.kind)
+            if drawn and drawn[0] == epoch and 0 <= revision - drawn[1] <= _STALE_SHARE * drawn[2].sizes.sum():
+                return drawn[2]
+            samples = draw_samples(connection, partition)
+            self._drawn[partition.kind] = epoch, revision, samples
+            return samples
+
+
+def draw_samples(connection: Connection, partition: Partition) -> ClassSamples:
+    """Draw random members of each class of a partition; this reads the labels of all shapes."""
+    # A hash instead of a random number: the samples of every process are the same.
+    order = func.row_number().over(partition_by=shapes.c.label, order_by=func.hashint8(shapes.c.seq)).label("place")
+    size = func.count().over(partition_by=shapes.c.label).label("size")
+    listed = (
+        select(shapes.c.seq, shapes.c.label, order, size)
+        .join(vectors, vectors.c.seq == shapes.c.seq)
+        .where(partition.own, shapes.c.label.is_not(None))
+        .subquery()
+    )
+    sent = func.vector_send(vectors.c.embedding, type_=LargeBinary)
+    chosen = (
+        select(listed.c.label, listed.c.size, sent)
+        .join(vectors, vectors.c.seq == listed.c.seq)
+        .where(partition.own, listed.c.place <= SAMPLE)
+        .order_by(listed.c.label, listed.c.place)
+    )
+    rows = connection.execute(chosen).all()
+    if not rows:
+        return ClassSamples((), np.empty(0, np.int64), np.empty((0, partition.dimensions), np.float32))
+    labels, sizes, members = zip(*rows, strict=True)
+    size_of = dict(zip(labels, sizes, strict=True))
+    return ClassSamples(tuple(size_of), np.array(list(size_of.values())), from_bytes(members, partition.dimensions))

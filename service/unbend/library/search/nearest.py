@@ -7,30 +7,43 @@ those of the index in memory, so both answers differ only where the database's i
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, Literal
 
 import numpy as np
 from sqlalchemy import (
     BindParameter,
     ColumnElement,
     Connection,
+    Double,
     LargeBinary,
     Select,
+    String,
     bindparam,
     cast,
     func,
-    literal,
+    literal_column,
     select,
 )
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.engine import Row
 
 from unbend.arrays import Floats, Indices, Singles
-from unbend.errors import ParameterError
+from unbend.errors import ParameterError, VectorsMissingError
 from unbend.library.storage.schema import library_state, shapes
-from unbend.library.vector_rows import METADATA, Partition, VectorKind, as_text, from_bytes, vector_type, vectors
+from unbend.library.vector_rows import (
+    METADATA,
+    Partition,
+    VectorKind,
+    as_text,
+    find_partition,
+    from_bytes,
+    has_vectors,
+    vector_type,
+    vectors,
+)
 from unbend.matching.classification import SAMPLE, Classification, ClassSamples, classify
 from unbend.matching.classification.calibration import calibration_of
 from unbend.matching.gallery import Gallery
@@ -44,21 +57,51 @@ MOST: Final = 1000
 _LEAST: Final = 100
 """Least number of candidates that are ordered again: in half precision, one in forty of the ten nearest is farther."""
 
-_LEAST_SHARE: Final = 3
-"""With a filter, each candidate costs a scan of many others: so many candidates for each shape that is asked for."""
+_FILTERED_SHARE: Final = 3
+"""With a filter, the index compares many shapes for each candidate: so many candidates for each shape asked for."""
 
-_EXACT_ROWS: Final = 20_000
-"""A filter that keeps at most so many shapes is answered exactly, by all of them."""
+_FEW: Final = 10
+"""See `_keeps_few`: chosen by the table "Filters" of `benchmarks/cluster/search.py`."""
 
 _MARGIN: Final = 10
 """More rows than asked for are read, because the database rounds sums in another order."""
 
 _CLASS_CANDIDATES: Final = 1000
-_STALE_SHARE: Final = 0.05
-"""Samples are drawn again after changes of more than this share of the shapes."""
+"""Nearest labelled shapes that determine the order of classes: fewer leave more of the confidence to an estimate."""
 
 _CLASS_MEMBERS: Final = 256
 """Nearest members of the best class that decide whether a query is known (see `calibration.is_known`)."""
+
+_STALE_SHARE: Final = 0.05
+"""Samples are drawn again after changes of more than this share of the shapes."""
+
+
+SearchChoice = Literal["auto", "memory", "database"]
+"""Who searches: the index in memory, the database, or, by default, the index in memory until it becomes too large."""
+
+AUTO_ROWS: Final = 500_000
+"""Number of vectors from which the database searches by default: in memory they take 250 MB in each process."""
+
+
+def choose_partition(connection: Connection, kind: VectorKind, choice: SearchChoice) -> Partition | None:
+    """Return the partition that answers queries of a kind; None if the index in memory answers them.
+
+    The index in memory also answers what the database cannot: measures other than `vector_rows.SEARCHED`, and queries
+    before all shapes have vectors.
+
+    Raises
+    ------
+    VectorsMissingError
+        If the database shall search, and has no vectors.
+    """
+    if choice == "memory":
+        return None
+    if choice == "database" and not has_vectors(connection):
+        raise VectorsMissingError("the database of the library has no vectors to search")
+    partition = find_partition(connection, kind)
+    if choice == "auto" and partition and not (partition.is_indexed and partition.indexed_rows >= AUTO_ROWS):
+        return None
+    return partition
 
 
 @dataclass(frozen=True)
@@ -73,22 +116,22 @@ class Filter:
     """Only shapes that have a class."""
 
     def __bool__(self) -> bool:
-        return self.label is not None or bool(self.metadata) or self.is_labelled
+        return bool(self.given)
 
     @property
-    def conditions(self) -> list[ColumnElement[bool]]:
-        """The conditions in SQL."""
-        found: list[ColumnElement[bool]] = []
-        if self.label is not None:
-            found.append(shapes.c.label == self.label)
-        if self.is_labelled:
-            found.append(shapes.c.label.is_not(None))
-        if self.metadata:
-            found.append(METADATA.op("@>", is_comparison=True)(literal(dict(self.metadata), JSONB)))
-        return found
+    def given(self) -> tuple[str, ...]:
+        """The names of the fields that are conditions."""
+        return tuple(name for name, value in vars(self).items() if value not in (None, {}, False))
 
 
 EVERY: Final = Filter()
+
+_CONDITIONS: Final[Mapping[str, ColumnElement[bool]]] = {
+    "label": shapes.c.label == bindparam("label", type_=String()),
+    "metadata": METADATA.op("@>", is_comparison=True)(bindparam("metadata", type_=JSONB())),
+    "is_labelled": shapes.c.label.is_not(None),
+}
+"""The fields of `Filter` in SQL."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,32 +182,39 @@ def find_nearest(
     """
     if query.shape != (partition.dimensions,):
         raise ParameterError(f"a query of shape {query.shape} does not match {partition.dimensions} dimensions")
-    is_exact = exact or not partition.is_indexed or count > MOST or (bool(only) and _are_few(connection, only))
+    is_exact = exact or not partition.is_indexed or count > MOST
+    if only and not is_exact:
+        is_exact = _keeps_few(connection, partition, only)
     if is_exact:
         wanted = count + _MARGIN
-        order = vectors.c.embedding.op("<+>")(cast(bindparam("query"), vector_type("vector")))
     else:
-        wanted = min(_LEAST_SHARE * count, MOST) if only else max(count, _LEAST)
-        half = vector_type(f"halfvec({partition.dimensions})")
-        order = partition.halves.op("<+>")(cast(bindparam("query"), half))
+        wanted = min(_FILTERED_SHARE * count, MOST) if only else max(count, _LEAST)
         _set(connection, ef_search=max(wanted, _LEAST))
-    rows = connection.execute(_statement(partition, order, wanted, only, without), {"query": as_text(query)}).all()
+    statement = _statement(partition, only.given, is_exact, wanted)
+    values = {"query": as_text(query), "without": without, "label": only.label, "metadata": dict(only.metadata)}
+    rows = connection.execute(statement, values).all()
     return _ordered(partition, query, rows, count, is_exact)
 
 
-def _statement(
-    partition: Partition, order: ColumnElement[Any], wanted: int, only: Filter, without: int
-) -> Select[*tuple[Any, ...]]:
-    chosen = select(vectors.c.seq, vectors.c.embedding).where(partition.own)
-    if without:
-        chosen = chosen.where(vectors.c.seq != without)
-    if only:
-        chosen = chosen.join(shapes, shapes.c.seq == vectors.c.seq).where(*only.conditions)
-    # The limit is part of the text: a plan for any limit would not use the index.
-    limit: BindParameter[int] = bindparam("wanted", wanted, literal_execute=True)
-    nearest = chosen.order_by(order).limit(limit).subquery("nearest")
-    sent = func.vector_send(nearest.c.embedding, type_=LargeBinary)
-    return select(nearest.c.seq, shapes.c.label, sent).join(shapes, shapes.c.seq == nearest.c.seq)
+@lru_cache(maxsize=256)
+def _statement(partition: Partition, given: tuple[str, ...], is_exact: bool, wanted: int) -> Select[*tuple[Any, ...]]:
+    """Build the statement that reads seqs, labels and vectors: building it costs more than running it.
+
+    The limit is part of the text, because a plan for any limit would not use the index.
+    """
+    sent: BindParameter[str] = bindparam("query")
+    order: ColumnElement[Any] = (
+        vectors.c.embedding.op("<+>")(cast(sent, vector_type("vector")))
+        if is_exact
+        else partition.halves.op("<+>")(cast(sent, vector_type(f"halfvec({partition.dimensions})")))
+    )
+    chosen = select(vectors.c.seq, vectors.c.embedding).where(partition.own, vectors.c.seq != bindparam("without"))
+    if given:
+        chosen = chosen.join(shapes, shapes.c.seq == vectors.c.seq).where(*(_CONDITIONS[name] for name in given))
+    nearest = chosen.order_by(order).limit(literal_column(str(wanted))).subquery("nearest")
+    # A subquery finds each label by the key. For a join, the planner may read all shapes.
+    label = select(shapes.c.label).where(shapes.c.seq == nearest.c.seq).scalar_subquery().label("label")
+    return select(nearest.c.seq, label, func.vector_send(nearest.c.embedding, type_=LargeBinary))
 
 
 def _set(connection: Connection, ef_search: int) -> None:
@@ -173,10 +223,17 @@ def _set(connection: Connection, ef_search: int) -> None:
     connection.execute(select(*(func.set_config(name, value, True) for name, value in settings.items())))
 
 
-def _are_few(connection: Connection, only: Filter) -> bool:
-    """Return whether a filter keeps few shapes. The count ends at the limit, and needs no statistics."""
-    some = select(shapes.c.seq).where(*only.conditions).limit(_EXACT_ROWS + 1).subquery()
-    return (connection.scalar(select(func.count()).select_from(some)) or 0) <= _EXACT_ROWS
+def _keeps_few(connection: Connection, partition: Partition, only: Filter) -> bool:
+    """Return whether a filter keeps so few shapes that it is quicker to compare all of them.
+
+    The index is asked for a fixed number of shapes that the filter keeps. If the filter keeps k of n shapes, the index
+    compares about n / k times as many, and the exact way compares k. So both are equally quick where k is proportional
+    to the square root of n. The count of k ends there.
+    """
+    most = int(_FEW * partition.indexed_rows**0.5)
+    some = select(shapes.c.seq).where(*(_CONDITIONS[name] for name in only.given)).limit(most + 1).subquery()
+    values = {"label": only.label, "metadata": dict(only.metadata)}
+    return (connection.scalar(select(func.count()).select_from(some), values) or 0) <= most
 
 
 def _ordered(
@@ -203,6 +260,7 @@ def classify_nearest(
     *,
     without: int = 0,
     exact: bool = False,
+    candidates: int = _CLASS_CANDIDATES,
 ) -> Classification:
     """Classify a query by its nearest labelled shapes.
 
@@ -220,6 +278,8 @@ def classify_nearest(
         One of FROM_CANDIDATES.
     only, without, exact
         As in `find_nearest`.
+    candidates : int, default 1000
+        Number of nearest labelled shapes that are compared.
 
     Raises
     ------
@@ -230,18 +290,41 @@ def classify_nearest(
         raise ParameterError(f"{classifier} needs the vectors of all shapes, not only those of the nearest ones")
     measure, exponent = partition.kind.measure, calibration_of(partition.kind.measure.name).exponents[classifier]
     labelled = replace(only, is_labelled=True)
-    near = find_nearest(connection, partition, query, _CLASS_CANDIDATES, labelled, without=without, exact=exact)
+    near = find_nearest(connection, partition, query, candidates, labelled, without=without, exact=exact)
     first = classify(_gallery(near), measure, query, near.distances, classifier)
-    if not first.matches:
-        return first
-    best = replace(only, label=first.matches[0].label)
-    members = find_nearest(connection, partition, query, _CLASS_MEMBERS, best, without=without, exact=exact)
-    every = _joined(near, members)
-    absent = None
-    if len(near.seqs) == _CLASS_CANDIDATES:
-        present = {label for label in near.labels if label is not None}
+    if not first.matches or (near.is_exact and len(near.seqs) < candidates):
+        return first  # no other shape has a label
+    best = first.matches[0].label
+    every = near
+    if near.labels.count(best) < _CLASS_MEMBERS:
+        in_best = replace(only, label=best)
+        members = find_nearest(connection, partition, query, _CLASS_MEMBERS, in_best, without=without, exact=exact)
+        every = _joined(near, members)
+    present = {label for label in near.labels if label is not None}
+    if near.is_exact:
+        absent = _other_classes(connection, partition, query, labelled, without, present)
+    else:
         absent = samples.absent(query, measure, present, float(near.distances[-1]), exponent)
     return classify(_gallery(every), measure, query, every.distances, classifier, absent)
+
+
+def _other_classes(
+    connection: Connection, partition: Partition, query: Singles, only: Filter, without: int, present: Collection[str]
+) -> Floats:
+    """Return the distances of the nearest members of all classes that are not present, by a scan."""
+    sent: BindParameter[str] = bindparam("query")
+    distance: ColumnElement[float] = vectors.c.embedding.op("<+>", return_type=Double())(
+        cast(sent, vector_type("vector"))
+    )
+    each = (
+        select(shapes.c.label, func.min(distance).label("distance"))
+        .join(vectors, vectors.c.seq == shapes.c.seq)
+        .where(partition.own, vectors.c.seq != without, *(_CONDITIONS[name] for name in only.given))
+        .group_by(shapes.c.label)
+    )
+    values = {"query": as_text(query), "label": only.label, "metadata": dict(only.metadata)}
+    rows = connection.execute(each, values).all()
+    return np.array([row.distance for row in rows if row.label not in present], float)
 
 
 def _gallery(found: Nearest) -> Gallery:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -98,11 +100,8 @@ def label_of(code: int) -> str:
 
 
 def _copy(engine: Engine, drawn: Drawn, parts: np.ndarray) -> None:
-    from pgvector.psycopg import register_vector  # noqa: PLC0415
-
     raw = engine.raw_connection()
-    driver = raw.driver_connection
-    register_vector(driver)
+    driver: Any = raw.driver_connection
     cursor = driver.cursor()
     with cursor.copy(SHAPES) as copy:
         for seq, (code, part) in enumerate(zip(drawn.codes.tolist(), parts.tolist(), strict=True), 1):
@@ -111,8 +110,9 @@ def _copy(engine: Engine, drawn: Drawn, parts: np.ndarray) -> None:
     cursor.execute("SELECT setval('shapes_seq_seq', %s)", (len(parts),))
     cursor.execute("SELECT setval('signatures_id_seq', %s)", (len(parts),))
     with cursor.copy("COPY vectors (seq, partition_id, embedding) FROM STDIN WITH (FORMAT BINARY)") as copy:
-        copy.set_types(["int4", "int4", "vector"])
-        for seq, vector in enumerate(drawn.vectors, 1):
-            copy.write_row((seq, 1, vector))
+        copy.set_types(["int4", "int4", "bytea"])
+        head = struct.pack(">hh", drawn.vectors.shape[1], 0)  # as pgvector receives a vector
+        for seq, vector in enumerate(drawn.vectors.astype(">f4"), 1):
+            copy.write_row((seq, 1, head + vector.tobytes()))
     driver.commit()
     raw.close()

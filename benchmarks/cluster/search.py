@@ -35,7 +35,8 @@ from sqlalchemy import Engine, text
 from benchmarks.cluster.database import KIND, NUMBERS, ROWS, database, fill_library, label_of, values
 from benchmarks.cluster.descriptors import MEASURE, Drawn, Real, draw, real
 from benchmarks.common import BENCHMARKS, table, write_section
-from unbend.library.search.nearest import EVERY, Filter, classify_nearest, draw_samples, find_nearest
+from unbend.library.search.nearest import EVERY, Filter, find_nearest
+from unbend.library.search.nearest_classes import classify_nearest, draw_samples
 from unbend.library.vector_rows import METADATA, Partition, as_text, build_indexes, find_partition, from_bytes, vectors
 from unbend.matching.classification import classify
 from unbend.matching.gallery import Gallery
@@ -138,6 +139,7 @@ def measured(base: Real, size: int) -> dict[str, Any]:
         partition = fill_library(engine, truth.drawn)
         found: dict[str, Any] = {"size": size, "memory": truth.seconds, "likeness": likeness(truth)}
         log(f"{size:,} vectors are stored")
+        build_indexes(engine, least=size + 1)  # of metadata
         found["table"] = relation_bytes(engine, "vectors") / size
         found["scan"] = module(engine, partition, truth, exact=True, asked=50)
         log(f"plain scan {found['scan'].cells}")

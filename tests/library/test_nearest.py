@@ -18,14 +18,8 @@ from unbend.library.packing import PackedSignature
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.library.search import nearest
 from unbend.library.search.index import IndexKey, SearchIndex
-from unbend.library.search.nearest import (
-    Filter,
-    SampledClasses,
-    choose_partition,
-    classify_nearest,
-    draw_samples,
-    find_nearest,
-)
+from unbend.library.search.nearest import Filter, choose_partition, find_nearest
+from unbend.library.search.nearest_classes import SampledClasses, classify_nearest, draw_samples
 from unbend.library.shape_rows import ComputedShape
 from unbend.library.storage.schema import (
     descriptors,
@@ -178,7 +172,7 @@ def large(postgres, template):
     with engine.begin() as connection:
         create_vectors(connection)
     assert fill(engine) == len(rows)
-    assert build_indexes(engine) == 0  # it is small
+    assert build_indexes(engine) == 1  # of metadata: there are few vectors
     assert build_indexes(engine, least=len(rows)) == 1
     engine.dispose()
     return url
@@ -388,6 +382,7 @@ def test_an_index_that_an_interrupted_build_left_is_built_again(postgres, large,
 
 
 def test_metadata_that_no_index_represents_can_be_stored(engine):
+    assert build_indexes(engine) == 1
     with engine.begin() as connection:
         add(connection, np.zeros(WIDTH), described={"odd": "a\0b"})
         add(connection, np.ones(WIDTH), described={"odd": "ab"})
@@ -402,6 +397,8 @@ def test_vectors_of_another_length_are_refused(engine):
         add(connection, np.zeros(WIDTH))
         with pytest.raises(ParameterError, match="3"):
             find_nearest(connection, find_partition(connection, KIND), single(np.zeros(3)), 5)
+        with pytest.raises(ParameterError, match="not finite"):
+            find_nearest(connection, find_partition(connection, KIND), single(np.full(WIDTH, np.nan)), 5)
         with pytest.raises(StoreError, match="3 numbers where others have 12"):
             add(connection, np.zeros(3))
 

@@ -116,13 +116,14 @@ vector_state = Table(
     comment="One row: whether every shape has its vectors, so that a search finds all.",
 )
 
+_pg_index = table("pg_index", column("indexrelid"), column("indisvalid"))
+_pg_class = table("pg_class", column("oid"), column("reltuples"))
+
 # A JSON document that contains the character zero is no jsonb: such metadata cannot be asked for.
 _AS_JSONB = r"CASE WHEN strpos(CAST(metadata AS text), '\u0000') = 0 THEN CAST(metadata AS jsonb) END"
 METADATA: Final[ColumnElement[Any]] = literal_column(f"({_AS_JSONB.replace('metadata', 'shapes.metadata')})")
 """A shape's metadata in the form that an index finds by containment."""
-_METADATA_INDEX = text(
-    f"CREATE INDEX IF NOT EXISTS ix_shapes_metadata_contained ON shapes USING gin (({_AS_JSONB}) jsonb_path_ops)"
-)
+_METADATA_INDEX: Final = "ix_shapes_metadata_contained"
 
 
 @dataclass(frozen=True)
@@ -187,13 +188,12 @@ def create_vectors(connection: Connection) -> None:
     # Whoever adds a shape after this lock sees the tables, and adds its vectors; `fill` adds those of earlier shapes.
     connection.execute(text("LOCK TABLE shapes IN SHARE ROW EXCLUSIVE MODE"))
     vector_metadata.create_all(connection)
-    connection.execute(_METADATA_INDEX)
     connection.execute(insert(vector_state).values(id=1, complete=False))
 
 
 def drop_vectors(connection: Connection) -> None:
     """Drop the tables if they exist; the extension stays."""
-    connection.execute(text("DROP INDEX IF EXISTS ix_shapes_metadata_contained"))
+    connection.execute(text(f"DROP INDEX IF EXISTS {_METADATA_INDEX}"))
     vector_metadata.drop_all(connection)
 
 
@@ -254,7 +254,7 @@ def fill(engine: Engine) -> int:
 
 
 def build_indexes(engine: Engine, *, least: int = INDEXED_ROWS, memory_mb: int = 1024) -> int:
-    """Build the missing indexes of large partitions, while others read and write; return how many.
+    """Build the missing indexes, of metadata and of large partitions, while others read and write; return how many.
 
     Call this outside any transaction. If another process builds indexes, this returns at once.
 
@@ -264,8 +264,7 @@ def build_indexes(engine: Engine, *, least: int = INDEXED_ROWS, memory_mb: int =
     least : int, default INDEXED_ROWS
         Number of vectors from which a partition is large.
     memory_mb : int, default 1024
-        Memory that the database may use. A build slows down when the index no longer fits: a million vectors of 120
-        numbers need 600 MB.
+        Memory that the database may use. A build slows down when the index of a partition no longer fits.
     """
     with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
         if not connection.scalar(select(func.pg_try_advisory_lock(_BUILD_LOCK))):
@@ -273,11 +272,15 @@ def build_indexes(engine: Engine, *, least: int = INDEXED_ROWS, memory_mb: int =
         try:
             for name, value in (("maintenance_work_mem", f"{memory_mb}MB"), *_NO_LIMITS):
                 connection.execute(select(func.set_config(name, value, False)))
-            missing = [
-                each for each in _list_partitions(connection) if not each.is_indexed and _has(connection, each, least)
-            ]
-            for partition in missing:
-                _build(connection, partition)
+            wanted = {_METADATA_INDEX: f"shapes USING gin (({_AS_JSONB}) jsonb_path_ops)"}
+            wanted |= {
+                each.index: _hnsw(each) for each in _list_partitions(connection) if _has(connection, each, least)
+            }
+            missing = [name for name in wanted if not _is_valid(connection, name)]
+            for name in missing:
+                # A build that was interrupted leaves an index that is not valid.
+                connection.execute(text(f"DROP INDEX CONCURRENTLY IF EXISTS {name}"))
+                connection.execute(text(f"CREATE INDEX CONCURRENTLY {name} ON {wanted[name]}"))
             return len(missing)
         finally:
             for name in ("maintenance_work_mem", *dict(_NO_LIMITS)):
@@ -285,16 +288,16 @@ def build_indexes(engine: Engine, *, least: int = INDEXED_ROWS, memory_mb: int =
             connection.execute(select(func.pg_advisory_unlock(_BUILD_LOCK)))
 
 
-def _build(connection: Connection, partition: Partition) -> None:
-    # A build that was interrupted leaves an index that is not valid.
-    connection.execute(text(f"DROP INDEX CONCURRENTLY IF EXISTS {partition.index}"))
-    connection.execute(
-        text(
-            f"CREATE INDEX CONCURRENTLY {partition.index} ON {vectors.name}"
-            f" USING hnsw (CAST(embedding AS halfvec({partition.dimensions})) halfvec_l1_ops)"
-            f" WITH (m = {_CONNECTIONS}, ef_construction = {_CANDIDATES}) WHERE partition_id = {partition.id}"
-        )
+def _hnsw(partition: Partition) -> str:
+    return (
+        f"{vectors.name} USING hnsw (CAST(embedding AS halfvec({partition.dimensions})) halfvec_l1_ops)"
+        f" WITH (m = {_CONNECTIONS}, ef_construction = {_CANDIDATES}) WHERE partition_id = {partition.id}"
     )
+
+
+def _is_valid(connection: Connection, index: str) -> bool:
+    valid = select(_pg_index.c.indisvalid).where(_pg_index.c.indexrelid == func.to_regclass(index))
+    return bool(connection.scalar(valid))
 
 
 def _has(connection: Connection, partition: Partition, least: int) -> bool:
@@ -365,8 +368,6 @@ def _find_or_add(connection: Connection, kind: VectorKind, dimensions: int) -> P
     return found
 
 
-_pg_index = table("pg_index", column("indexrelid"), column("indisvalid"))
-_pg_class = table("pg_class", column("oid"), column("reltuples"))
 _INDEX = func.to_regclass(func.concat(_INDEX_PREFIX, partitions.c.id))
 _PARTITIONS = select(partitions, _pg_index.c.indisvalid, _pg_class.c.reltuples).select_from(
     partitions.outerjoin(_pg_index, _pg_index.c.indexrelid == _INDEX).outerjoin(_pg_class, _pg_class.c.oid == _INDEX)

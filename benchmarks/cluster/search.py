@@ -3,7 +3,8 @@
     python -m benchmarks.cluster.search [SIZE ...]
 
 SIZE is a number of vectors, 100,000 and 1,000,000 by default. A million vectors take 4 GB in the folder for temporary
-files, 3 GB of memory, and about half an hour on two cores.
+files and 3 GB of memory. The results of each size are kept in the folder for temporary files, and the page has those of
+all sizes, so that they may be measured one at a time.
 
 The vectors are drawn from real ones, as `benchmarks/cluster/descriptors.py` says: made-up classes between two real
 shapes of different classes, each with random poses that have the covariance of real poses. Queries are new poses of
@@ -19,6 +20,7 @@ section "approximate search" of docs/benchmarks/cluster-search.md.
 from __future__ import annotations
 
 import json
+import os
 import sys
 import tempfile
 import threading
@@ -26,6 +28,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +59,11 @@ CANDIDATES = 100
 CHOSEN = "halfvec", 16, 64
 GRID = {
     "few": [("vector", 16, 64), ("halfvec", 8, 64), ("halfvec", 16, 128), ("halfvec", 24, 128), CHOSEN],
-    "many": [("vector", 16, 64), CHOSEN],
+    "many": [CHOSEN],
 }
 """Type, m and ef_construction of the indexes, below a million vectors and from there."""
 WRITING_SECONDS = 20
+KEPT = "unbend-cluster-search-{size}.json"
 FILTERED = 100
 """Queries with each filter."""
 
@@ -129,7 +133,10 @@ def tally(
 def main() -> None:
     sizes = [int(each) for each in sys.argv[1:]] or SIZES
     base = real(Path(tempfile.gettempdir()) / "unbend-real-descriptors.npz")
-    found = [measured(base, size) for size in sizes]
+    for size in sizes:
+        (Path(tempfile.gettempdir()) / KEPT.format(size=size)).write_text(json.dumps(measured(base, size)))
+    files = Path(tempfile.gettempdir()).glob(KEPT.format(size="*"))
+    found = sorted((json.loads(file.read_text()) for file in files), key=itemgetter("size"))
     write_section(BENCHMARKS / "cluster-search.md", "approximate search", page(base, found))
 
 
@@ -141,18 +148,19 @@ def measured(base: Real, size: int) -> dict[str, Any]:
         log(f"{size:,} vectors are stored")
         build_indexes(engine, least=size + 1)  # of metadata
         found["table"] = relation_bytes(engine, "vectors") / size
-        found["scan"] = module(engine, partition, truth, exact=True, asked=50)
-        log(f"plain scan {found['scan'].cells}")
+        found["scan"] = module(engine, partition, truth, exact=True, asked=50).cells
+        log(f"plain scan {found['scan']}")
         found["grid"] = [
             row for each in GRID["many" if size >= SIZES[-1] else "few"] for row in grid(engine, partition, truth, each)
         ]
         with engine.connect() as connection:
             partition = find_partition(connection, KIND) or partition
-        found["chosen"] = module(engine, partition, truth)
-        log(f"chosen {found['chosen'].cells}")
+        found["chosen"] = module(engine, partition, truth).cells
+        log(f"chosen {found['chosen']}")
         found["filters"] = filters(engine, partition, truth)
         found["classes"] = classes(engine, partition, truth)
         found["writing"] = writing(engine, partition, truth)
+        found["load"] = os.getloadavg()[1]
     return found
 
 
@@ -408,15 +416,16 @@ def log(line: str) -> None:
 def page(base: Real, found: list[dict[str, Any]]) -> str:
     scans = [
         [
-            f"{each['size']:,}", f"{each['memory'] * 1e3:.1f}", *each["scan"].cells[1:], *each["chosen"].cells,
+            f"{each['size']:,}", f"{each['memory'] * 1e3:.1f}", *each["scan"][1:], *each["chosen"],
             f"{each['table']:.0f}",
         ]
         for each in found
     ]  # fmt: skip
+    load = ", ".join("{:,}: {:.1f}".format(each["size"], each["load"]) for each in found)
     alike = ", ".join("{:,}: {:.1f} and {:.1f}".format(each["size"], *each["likeness"]) for each in found)
     return "\n\n".join(
         [
-            f"PostgreSQL 18 with pgvector 0.8.5, {available_cores()} cores, shared_buffers {SETTINGS['shared_buffers']}, maintenance_work_mem {MEMORY_MB} MB, {QUERIES} queries, {len(base.labels)} real shapes. Median distance from a query to the nearest shape of its own class, and to the nearest of another class: {alike}.",  # noqa: E501
+            f"PostgreSQL 18 with pgvector 0.8.5, {available_cores()} cores, shared_buffers {SETTINGS['shared_buffers']}, maintenance_work_mem {MEMORY_MB} MB, {QUERIES} queries, {len(base.labels)} real shapes. Median distance from a query to the nearest shape of its own class, and to the nearest of another class: {alike}. Mean number of programs that ran or waited, of these and of others, for the last five minutes: {load}; where it is above the number of cores, times are too long.",  # noqa: E501
             "**The chosen search**: an index of half precision with m = 16 and ef_construction = 64, ef_search = 100, and 100 candidates in exact order. Beside it, the exact scan of the index in memory, and the same scan by PostgreSQL (times of one query in ms).",  # noqa: E501
             table(["vectors", "memory", "PostgreSQL scan, median", "p99", "recall at 10", "median", "p99", "bytes a vector in the table"], scans),  # noqa: E501
             f"**Indexes**: recall at 10 in the order of the index, and after min(ef_search, {CANDIDATES}) candidates were ordered exactly (times in ms).",  # noqa: E501

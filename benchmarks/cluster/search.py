@@ -186,11 +186,12 @@ def module(
     partition: Partition,
     truth: Truth,
     only: Filter = EVERY,
+    kept: np.ndarray | None = None,
     *,
     exact: bool = False,
     asked: int = QUERIES,
 ) -> Tally:
-    """Measure `find_nearest`."""
+    """Measure `find_nearest`; `kept` says which shapes the filter keeps."""
     with engine.connect() as connection:
 
         def ask(query: int) -> list[int]:
@@ -198,7 +199,7 @@ def module(
                 found = find_nearest(connection, partition, truth.drawn.queries[query], K, only, exact=exact)
             return found.seqs.tolist()
 
-        return tally(truth, ask, lambda _: None, asked)
+        return tally(truth, ask, lambda _: kept, asked)
 
 
 def grid(engine: Engine, partition: Partition, truth: Truth, index: tuple[str, int, int]) -> Iterator[list[str]]:
@@ -267,18 +268,10 @@ def filters(engine: Engine, partition: Partition, truth: Truth) -> list[list[str
             found = filtered(engine, partition, truth, only, kept, setting)
             rows.append([f"{len(codes):,}", name, f"{kept.sum():,}", way, *found])
             log(str(rows[-1]))
-        with engine.connect() as connection:
-
-            def ask(query: int, only: Filter = only, connection: Any = connection) -> list[int]:
-                with connection.begin():
-                    found = find_nearest(connection, partition, truth.drawn.queries[query], K, only, exact=True)
-                return found.seqs.tolist()
-
-            exact = tally(truth, ask, lambda _, kept=kept: kept, FILTERED)
-        rows.append(
-            [f"{len(codes):,}", name, f"{kept.sum():,}", "exact, all that the filter keeps", "10.0", *exact.cells]
-        )
-        log(str(rows[-1]))
+        for way, exact in (("exact, all that the filter keeps", True), ("as the service chooses", False)):
+            found = module(engine, partition, truth, only, kept, exact=exact, asked=FILTERED).cells
+            rows.append([f"{len(codes):,}", name, f"{kept.sum():,}", way, f"{K:.1f}", *found])
+            log(str(rows[-1]))
     return rows
 
 

@@ -16,16 +16,19 @@ from sqlalchemy import (
     BindParameter,
     ColumnElement,
     Connection,
+    Integer,
     LargeBinary,
     Select,
     String,
+    any_,
     bindparam,
     cast,
     func,
     literal_column,
     select,
+    tablesample,
 )
-from sqlalchemy.dialects.postgresql import JSONB
+from sqlalchemy.dialects.postgresql import ARRAY, JSONB
 from sqlalchemy.engine import Row
 
 from unbend.arrays import Floats, Indices, Singles
@@ -53,7 +56,13 @@ _FILTERED_SHARE: Final = 3
 """With a filter, the index compares many shapes for each candidate: so many candidates for each shape asked for."""
 
 _FEW: Final = 10
-"""See `_keeps_few`: chosen by the table "Filters" of `benchmarks/cluster/search.py`."""
+"""See `_find_few`: chosen by the table "Filters" of `benchmarks/cluster/search.py`."""
+
+_SAMPLED: Final = 1000
+"""About how many shapes a sample has (see `_keeps_many`)."""
+
+_KEPT: Final = ("kept",)
+"""Instead of the names of conditions: the shapes that a filter keeps are known."""
 
 _MARGIN: Final = 10
 """More rows than asked for are read, because the database rounds sums in another order."""
@@ -117,6 +126,11 @@ CONDITIONS: Final[Mapping[str, ColumnElement[bool]]] = {
 """The fields of `Filter` in SQL."""
 
 
+def values_of(only: Filter) -> dict[str, Any]:
+    """Return the values of CONDITIONS."""
+    return {"label": only.label, "metadata": dict(only.metadata)}
+
+
 @dataclass(frozen=True, eq=False)
 class Nearest:
     """The shapes nearest to a query, nearest first; those at one distance are in the order of adding."""
@@ -167,16 +181,16 @@ def find_nearest(
         raise ParameterError("the query contains a value that is not finite")
     if query.shape != (partition.dimensions,):
         raise ParameterError(f"a query of shape {query.shape} does not match {partition.dimensions} dimensions")
-    is_exact = exact or not partition.is_indexed or count > MOST
-    if only and not is_exact:
-        is_exact = _keeps_few(connection, partition, only)
+    is_exact, given, kept = exact or not partition.is_indexed or count > MOST, only.given, None
+    if only and not is_exact and (kept := _find_few(connection, partition, only)) is not None:
+        is_exact, given = True, _KEPT
     if is_exact:
         wanted = count + _MARGIN
     else:
         wanted = min(_FILTERED_SHARE * count, MOST) if only else max(count, _LEAST)
         _set(connection, ef_search=max(wanted, _LEAST))
-    statement = _statement(partition, only.given, is_exact, wanted)
-    values = {"query": as_text(query), "without": without, "label": only.label, "metadata": dict(only.metadata)}
+    statement = _statement(partition, given, is_exact, wanted)
+    values = {"query": as_text(query), "without": without, "kept": kept, **values_of(only)}
     rows = connection.execute(statement, values).all()
     return _ordered(partition, query, rows, count, is_exact)
 
@@ -194,7 +208,9 @@ def _statement(partition: Partition, given: tuple[str, ...], is_exact: bool, wan
         else partition.halves.op("<+>")(cast(sent, vector_type(f"halfvec({partition.dimensions})")))
     )
     chosen = select(vectors.c.seq, vectors.c.embedding).where(partition.own, vectors.c.seq != bindparam("without"))
-    if given:
+    if given == _KEPT:
+        chosen = chosen.where(vectors.c.seq == any_(bindparam("kept", type_=ARRAY(Integer))))
+    elif given:
         chosen = chosen.join(shapes, shapes.c.seq == vectors.c.seq).where(*(CONDITIONS[name] for name in given))
     nearest = chosen.order_by(order).limit(literal_column(str(wanted))).subquery("nearest")
     # A subquery finds each label by the key. For a join, the planner may read all shapes.
@@ -208,17 +224,33 @@ def _set(connection: Connection, ef_search: int) -> None:
     connection.execute(select(*(func.set_config(name, value, True) for name, value in settings.items())))
 
 
-def _keeps_few(connection: Connection, partition: Partition, only: Filter) -> bool:
-    """Return whether a filter keeps so few shapes that it is quicker to compare all of them.
+def _find_few(connection: Connection, partition: Partition, only: Filter) -> Sequence[int] | None:
+    """Return the seqs of the shapes that a filter keeps, if they are so few that it is quicker to compare all of them.
 
     The index is asked for a fixed number of shapes that the filter keeps. If the filter keeps k of n shapes, the index
     compares about n / k times as many, and the exact way compares k. So both are equally quick where k is proportional
-    to the square root of n. The count of k ends there.
+    to the square root of n. The search for the k shapes ends there.
     """
     most = int(_FEW * partition.indexed_rows**0.5)
-    some = select(shapes.c.seq).where(*(CONDITIONS[name] for name in only.given)).limit(most + 1).subquery()
-    values = {"label": only.label, "metadata": dict(only.metadata)}
-    return (connection.scalar(select(func.count()).select_from(some), values) or 0) <= most
+    if only.metadata and _keeps_many(connection, partition, only, most):
+        return None
+    some = select(shapes.c.seq).where(*(CONDITIONS[name] for name in only.given)).limit(most + 1)
+    found = connection.scalars(some, values_of(only)).all()
+    return found if len(found) <= most else None
+
+
+def _keeps_many(connection: Connection, partition: Partition, only: Filter, most: int) -> bool:
+    """Return whether a sample of the shapes shows that a filter keeps far more than `most`.
+
+    It saves time where metadata keep many shapes: to find that out exactly, all `most` metadata must be parsed.
+    """
+    percent = min(100.0, 100 * _SAMPLED / max(1, partition.indexed_rows))
+    sample = tablesample(shapes, func.system(percent), name="sampled")
+    hits = func.count().filter(*(CONDITIONS[name] for name in only.given))
+    total, kept = connection.execute(
+        select(func.count(), hits).where(shapes.c.seq.in_(select(sample.c.seq))), values_of(only)
+    ).one()
+    return bool(total >= _SAMPLED / 2 and kept * partition.indexed_rows > 2 * most * total)
 
 
 def _ordered(

@@ -12,7 +12,7 @@ from sqlalchemy import BindParameter, ColumnElement, Connection, Double, LargeBi
 
 from unbend.arrays import Floats, Singles
 from unbend.errors import ParameterError
-from unbend.library.search.nearest import CONDITIONS, EVERY, Filter, Nearest, find_nearest
+from unbend.library.search.nearest import CONDITIONS, EVERY, Filter, Nearest, find_nearest, values_of
 from unbend.library.storage.schema import library_state, shapes
 from unbend.library.vector_rows import Partition, VectorKind, as_text, from_bytes, vector_type, vectors
 from unbend.matching.classification import SAMPLE, Classification, ClassSamples, classify
@@ -101,11 +101,10 @@ def _other_classes(
     each = (
         select(shapes.c.label, func.min(distance).label("distance"))
         .join(vectors, vectors.c.seq == shapes.c.seq)
-        .where(partition.own, vectors.c.seq != without, *(CONDITIONS[name] for name in only.given))
+        .where(partition.own, vectors.c.seq != bindparam("without"), *(CONDITIONS[name] for name in only.given))
         .group_by(shapes.c.label)
     )
-    values = {"query": as_text(query), "label": only.label, "metadata": dict(only.metadata)}
-    rows = connection.execute(each, values).all()
+    rows = connection.execute(each, {"query": as_text(query), "without": without, **values_of(only)}).all()
     return np.array([row.distance for row in rows if row.label not in present], float)
 
 

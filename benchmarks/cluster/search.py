@@ -104,6 +104,8 @@ class Tally:
 
     recalls: list[float]
     seconds: list[float]
+    processor: float = 0.0
+    """Mean seconds of the processor, in the client and in the server's process of its connection."""
 
     @property
     def cells(self) -> list[str]:
@@ -116,18 +118,31 @@ class Tally:
 
 
 def tally(
-    truth: Truth, ask: Callable[[int], Sequence[int]], kept: Callable[[int], np.ndarray | None], asked: int
+    truth: Truth,
+    ask: Callable[[int], Sequence[int]],
+    kept: Callable[[int], np.ndarray | None],
+    asked: int,
+    server: int = 0,
 ) -> Tally:
     """Ask the first queries; `ask` returns seqs for a query, and `kept` says which shapes its filter keeps."""
     ask(0)
     found = Tally([], [])
     for query in range(asked):
-        start = time.perf_counter()
+        start, used = time.perf_counter(), used_seconds(server)
         seqs = ask(query)
         found.seconds.append(time.perf_counter() - start)
+        found.processor += (used_seconds(server) - used) / asked
         true = truth.nearest(query, kept(query))
         found.recalls.append(len(true & set(seqs)) / len(true))
     return found
+
+
+def used_seconds(server: int) -> float:
+    """Return the time of the processor that this process and another one have used."""
+    if not server:
+        return time.process_time()
+    fields = Path(f"/proc/{server}/stat").read_text().rpartition(")")[2].split()
+    return time.process_time() + (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def main() -> None:
@@ -155,7 +170,8 @@ def measured(base: Real, size: int) -> dict[str, Any]:
         ]
         with engine.connect() as connection:
             partition = find_partition(connection, KIND) or partition
-        found["chosen"] = module(engine, partition, truth).cells
+        chosen = module(engine, partition, truth)
+        found["chosen"] = [*chosen.cells, f"{chosen.processor * 1e3:.1f}"]
         log(f"chosen {found['chosen']}")
         found["filters"] = filters(engine, partition, truth)
         found["classes"] = classes(engine, partition, truth)
@@ -199,7 +215,9 @@ def module(
                 found = find_nearest(connection, partition, truth.drawn.queries[query], K, only, exact=exact)
             return found.seqs.tolist()
 
-        return tally(truth, ask, lambda _: kept, asked)
+        server = connection.scalar(text("SELECT pg_backend_pid()")) or 0
+        connection.rollback()
+        return tally(truth, ask, lambda _: kept, asked, server)
 
 
 def grid(engine: Engine, partition: Partition, truth: Truth, index: tuple[str, int, int]) -> Iterator[list[str]]:
@@ -419,8 +437,8 @@ def page(base: Real, found: list[dict[str, Any]]) -> str:
     return "\n\n".join(
         [
             f"PostgreSQL 18 with pgvector 0.8.5, {available_cores()} cores, shared_buffers {SETTINGS['shared_buffers']}, maintenance_work_mem {MEMORY_MB} MB, {QUERIES} queries, {len(base.labels)} real shapes. Median distance from a query to the nearest shape of its own class, and to the nearest of another class: {alike}. Mean number of programs that ran or waited, of these and of others, for the last five minutes: {load}; where it is above the number of cores, times are too long.",  # noqa: E501
-            "**The chosen search**: an index of half precision with m = 16 and ef_construction = 64, ef_search = 100, and 100 candidates in exact order. Beside it, the exact scan of the index in memory, and the same scan by PostgreSQL (times of one query in ms).",  # noqa: E501
-            table(["vectors", "memory", "PostgreSQL scan, median", "p99", "recall at 10", "median", "p99", "bytes a vector in the table"], scans),  # noqa: E501
+            "**The chosen search**: an index of half precision with m = 16 and ef_construction = 64, ef_search = 100, and 100 candidates in exact order. Beside it, the exact scan of the index in memory, and the same scan by PostgreSQL (times of one query in ms; processor: mean time of the processor in client and server, which is the time of a query where nothing else runs).",  # noqa: E501
+            table(["vectors", "memory", "PostgreSQL scan, median", "p99", "recall at 10", "median", "p99", "processor", "bytes a vector in the table"], scans),  # noqa: E501
             f"**Indexes**: recall at 10 in the order of the index, and after min(ef_search, {CANDIDATES}) candidates were ordered exactly (times in ms).",  # noqa: E501
             table(["vectors", "type", "m", "ef_construction", "build, s", "bytes a vector", "ef_search", "recall", "recall, ordered", "median", "p99"], [row for each in found for row in each["grid"]]),  # noqa: E501
             f"**Filters**: ways to search only what a filter keeps ({FILTERED} queries; found: mean number of the ten shapes that were returned; times in ms). The label is that of a class of 1 % of the shapes, and seldom that of the query.",  # noqa: E501

@@ -161,13 +161,13 @@ def agree(found, expected):
 
 @pytest.fixture(scope="module")
 def large(postgres, template):
-    """The address of a library of 3000 shapes with an index; a third are scans, and one in a hundred is marked."""
+    """The address of a library of 3000 shapes with an index; a third are scans, and one in fifty is marked."""
     url = postgres.copy(template)
     engine = create_engine(url)
     rows, labels = poses(classes=30, members=100)
     add_many(
         engine, rows, labels,
-        [{"source": "scan" if row % 3 == 0 else "model", "marked": row % 100 == 0} for row in range(len(rows))],
+        [{"source": "scan" if row % 3 == 0 else "model", "marked": row % 50 == 0} for row in range(len(rows))],
     )  # fmt: skip
     with engine.begin() as connection:
         create_vectors(connection)
@@ -279,6 +279,18 @@ def test_a_filter_keeps_only_its_shapes_with_and_without_the_index(indexed, quer
             assert set(found.seqs.tolist()) <= kept
             hits.append(len(set(found.seqs.tolist()) & set(in_memory(connection, query, 10, kept)[0])) / 10)
     assert np.mean(hits) >= (1 if few else 0.97)
+
+
+def test_an_index_that_does_not_find_enough_is_not_believed(indexed, queries, monkeypatch):
+    monkeypatch.setattr(nearest, "_FEW", 0)
+    only = Filter("class 0", {"marked": True})
+    with indexed.connect() as connection:
+        kept = select(shapes.c.seq).where(shapes.c.label == "class 0", (shapes.c.seq - 1) % 50 == 0)
+        expected = in_memory(connection, queries[0], 10, connection.scalars(kept).all())
+        assert len(expected[0]) == 10
+        found = find_nearest(connection, find_partition(connection, KIND), queries[0], 10, only)
+        assert found.is_exact
+        assert agree(found, expected)
 
 
 def test_a_stored_query_is_left_out(engine):

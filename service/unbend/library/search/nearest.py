@@ -170,7 +170,8 @@ def find_nearest(
     without : int, default 0
         A shape that is left out, by its place in the order of adding: the query itself if it is stored.
     exact : bool, default False
-        Compare every shape. This is also done if there are few, or more are asked for than the index can find.
+        Compare every shape. This is also done if there is no index, if the filter keeps few shapes, or if the index
+        does not find enough.
 
     Raises
     ------
@@ -181,18 +182,56 @@ def find_nearest(
         raise ParameterError("the query contains a value that is not finite")
     if query.shape != (partition.dimensions,):
         raise ParameterError(f"a query of shape {query.shape} does not match {partition.dimensions} dimensions")
-    is_exact, given, kept = exact or not partition.is_indexed or count > MOST, only.given, None
-    if only and not is_exact and (kept := _find_few(connection, partition, only)) is not None:
-        is_exact, given = True, _KEPT
-    if is_exact:
-        wanted = count + _MARGIN
-    else:
-        wanted = min(_FILTERED_SHARE * count, MOST) if only else max(count, _LEAST)
-        _set(connection, ef_search=max(wanted, _LEAST))
-    statement = _statement(partition, given, is_exact, wanted)
-    values = {"query": as_text(query), "without": without, "kept": kept, **values_of(only)}
-    rows = connection.execute(statement, values).all()
-    return _ordered(partition, query, rows, count, is_exact)
+    search = _Search(connection, partition, query, count, only, without)
+    if exact or not partition.is_indexed or count > MOST:
+        return search.exactly(only.given)
+    if only and (kept := _find_few(connection, partition, only)) is not None:
+        return search.exactly(_KEPT, kept)
+    found = search.by_index()
+    return search.exactly(only.given) if found is None else found
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A call of `find_nearest`."""
+
+    connection: Connection
+    partition: Partition
+    query: Singles
+    count: int
+    only: Filter
+    without: int
+
+    def exactly(self, given: tuple[str, ...], kept: Sequence[int] = ()) -> Nearest:
+        """Compare every shape that the conditions keep, or every one of those `kept`."""
+        return self._ordered(self._rows(given, self.count + _MARGIN, kept, is_exact=True), is_exact=True)
+
+    def by_index(self) -> Nearest | None:
+        """Compare candidates; None if the index ended before it found enough of the shapes that the filter keeps.
+
+        It ends after 20,000 candidates, for example if the filter keeps only a class that is far from the query.
+        """
+        wanted = min(_FILTERED_SHARE * self.count, MOST) if self.only else max(self.count, _LEAST)
+        _set(self.connection, ef_search=max(wanted, _LEAST))
+        rows = self._rows(self.only.given, wanted, (), is_exact=False)
+        return None if self.only and len(rows) < wanted else self._ordered(rows, is_exact=False)
+
+    def _rows(
+        self, given: tuple[str, ...], wanted: int, kept: Sequence[int], *, is_exact: bool
+    ) -> Sequence[Row[*tuple[Any, ...]]]:
+        values = {"query": as_text(self.query), "without": self.without, "kept": kept, **values_of(self.only)}
+        return self.connection.execute(_statement(self.partition, given, is_exact, wanted), values).all()
+
+    def _ordered(self, rows: Sequence[Row[*tuple[Any, ...]]], *, is_exact: bool) -> Nearest:
+        dimensions = self.partition.dimensions
+        if not rows:
+            nothing = np.empty((0, dimensions), np.float32)
+            return Nearest(np.empty(0, np.int64), (), np.empty(0), nothing, is_exact)
+        places, labels, sent = zip(*rows, strict=True)
+        seqs, found = np.array(places), from_bytes(sent, dimensions)
+        distances = self.partition.kind.measure.distances(self.query, found)
+        order = np.lexsort((seqs, distances))[: self.count]
+        return Nearest(seqs[order], tuple(labels[row] for row in order), distances[order], found[order], is_exact)
 
 
 @lru_cache(maxsize=256)
@@ -232,7 +271,7 @@ def _find_few(connection: Connection, partition: Partition, only: Filter) -> Seq
     to the square root of n. The search for the k shapes ends there.
     """
     most = int(_FEW * partition.indexed_rows**0.5)
-    if only.metadata and _keeps_many(connection, partition, only, most):
+    if _keeps_many(connection, partition, only, most):
         return None
     some = select(shapes.c.seq).where(*(CONDITIONS[name] for name in only.given)).limit(most + 1)
     found = connection.scalars(some, values_of(only)).all()
@@ -242,7 +281,7 @@ def _find_few(connection: Connection, partition: Partition, only: Filter) -> Seq
 def _keeps_many(connection: Connection, partition: Partition, only: Filter, most: int) -> bool:
     """Return whether a sample of the shapes shows that a filter keeps far more than `most`.
 
-    It saves time where metadata keep many shapes: to find that out exactly, all `most` metadata must be parsed.
+    This saves time: to find it out exactly, `most` shapes must be read, and their metadata parsed.
     """
     percent = min(100.0, 100 * _SAMPLED / max(1, partition.indexed_rows))
     sample = tablesample(shapes, func.system(percent), name="sampled")
@@ -251,17 +290,3 @@ def _keeps_many(connection: Connection, partition: Partition, only: Filter, most
         select(func.count(), hits).where(shapes.c.seq.in_(select(sample.c.seq))), values_of(only)
     ).one()
     return bool(total >= _SAMPLED / 2 and kept * partition.indexed_rows > 2 * most * total)
-
-
-def _ordered(
-    partition: Partition, query: Singles, rows: Sequence[Row[*tuple[Any, ...]]], count: int, is_exact: bool
-) -> Nearest:
-    if not rows:
-        return Nearest(
-            np.empty(0, np.int64), (), np.empty(0), np.empty((0, partition.dimensions), np.float32), is_exact
-        )
-    places, labels, sent = zip(*rows, strict=True)
-    seqs, found = np.array(places), from_bytes(sent, partition.dimensions)
-    distances = partition.kind.measure.distances(query, found)
-    order = np.lexsort((seqs, distances))[:count]
-    return Nearest(seqs[order], tuple(labels[row] for row in order), distances[order], found[order], is_exact)

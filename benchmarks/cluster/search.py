@@ -40,7 +40,15 @@ from benchmarks.cluster.descriptors import MEASURE, Drawn, Real, draw, real
 from benchmarks.common import BENCHMARKS, table, write_section
 from unbend.library.search.nearest import EVERY, Filter, find_nearest
 from unbend.library.search.nearest_classes import classify_nearest, draw_samples
-from unbend.library.vector_rows import METADATA, Partition, as_text, build_indexes, find_partition, from_bytes, vectors
+from unbend.library.vector_rows import (
+    Partition,
+    as_text,
+    build_indexes,
+    find_partition,
+    from_bytes,
+    searched_metadata,
+    vectors,
+)
 from unbend.matching.classification import classify
 from unbend.matching.gallery import Gallery
 from unbend.matching.scan import scan
@@ -64,7 +72,7 @@ GRID = {
 """Type, m and ef_construction of the indexes, below a million vectors and from there."""
 WRITING_SECONDS = 20
 KEPT = "unbend-cluster-search-{size}.json"
-FILTERED = 100
+FILTERED = 50
 """Queries with each filter."""
 
 
@@ -298,7 +306,11 @@ def filtered(
 ) -> list[str]:
     """Return the mean number of shapes found, recall and times of an approximate search with a filter."""
     half = f"CAST(vectors.embedding AS halfvec({partition.dimensions}))"
-    kept_by = f"label = '{only.label}'" if only.label else f"{METADATA} @> '{json.dumps(dict(only.metadata))}'"
+    kept_by = (
+        f"label = '{only.label}'"
+        if only.label
+        else f"{searched_metadata('shapes')} @> '{json.dumps(dict(only.metadata))}'"
+    )
     statement = (
         f"SELECT vectors.seq, vector_send(embedding) FROM vectors JOIN shapes ON shapes.seq = vectors.seq"  # noqa: S608
         f" WHERE partition_id = {partition.id} AND {kept_by} ORDER BY {half} <+> CAST(%s AS halfvec(120)) LIMIT {3 * K}"

@@ -121,8 +121,13 @@ _pg_class = table("pg_class", column("oid"), column("reltuples"))
 
 # A JSON document that contains the character zero is no jsonb: such metadata cannot be asked for.
 _AS_JSONB = r"CASE WHEN strpos(CAST(metadata AS text), '\u0000') = 0 THEN CAST(metadata AS jsonb) END"
-METADATA: Final[ColumnElement[Any]] = literal_column(f"({_AS_JSONB.replace('metadata', 'shapes.metadata')})")
-"""A shape's metadata in the form that an index finds by containment."""
+
+
+def searched_metadata(table: str) -> ColumnElement[Any]:
+    """Return the metadata of a table of shapes in the form that an index finds by containment."""
+    return literal_column(f"({_AS_JSONB.replace('metadata', f'{table}.metadata')})")
+
+
 _METADATA_INDEX: Final = "ix_shapes_metadata_contained"
 
 

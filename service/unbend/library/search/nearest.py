@@ -35,13 +35,13 @@ from unbend.arrays import Floats, Indices, Singles
 from unbend.errors import ParameterError, VectorsMissingError
 from unbend.library.storage.schema import shapes
 from unbend.library.vector_rows import (
-    METADATA,
     Partition,
     VectorKind,
     as_text,
     find_partition,
     from_bytes,
     has_vectors,
+    searched_metadata,
     vector_type,
     vectors,
 )
@@ -56,10 +56,10 @@ _FILTERED_SHARE: Final = 3
 """With a filter, the index compares many shapes for each candidate: so many candidates for each shape asked for."""
 
 _FEW: Final = 10
-"""See `_find_few`: chosen by the table "Filters" of `benchmarks/cluster/search.py`."""
+"""See `_Search.if_few`: chosen by the table "Filters" of `benchmarks/cluster/search.py`."""
 
 _SAMPLED: Final = 1000
-"""About how many shapes a sample has (see `_keeps_many`)."""
+"""About how many shapes a sample has (see `_Search._keeps_many`)."""
 
 _KEPT: Final = ("kept",)
 """Instead of the names of conditions: the shapes that a filter keeps are known."""
@@ -118,9 +118,11 @@ class Filter:
 
 EVERY: Final = Filter()
 
+_CONTAINED: Final = bindparam("metadata", type_=JSONB())
+
 CONDITIONS: Final[Mapping[str, ColumnElement[bool]]] = {
     "label": shapes.c.label == bindparam("label", type_=String()),
-    "metadata": METADATA.op("@>", is_comparison=True)(bindparam("metadata", type_=JSONB())),
+    "metadata": searched_metadata(shapes.name).op("@>", is_comparison=True)(_CONTAINED),
     "is_labelled": shapes.c.label.is_not(None),
 }
 """The fields of `Filter` in SQL."""
@@ -185,9 +187,7 @@ def find_nearest(
     search = _Search(connection, partition, query, count, only, without)
     if exact or not partition.is_indexed or count > MOST:
         return search.exactly(only.given)
-    if only and (kept := _find_few(connection, partition, only)) is not None:
-        return search.exactly(_KEPT, kept)
-    found = search.by_index()
+    found = (search.if_few() if only else None) or search.by_index()
     return search.exactly(only.given) if found is None else found
 
 
@@ -205,6 +205,39 @@ class _Search:
     def exactly(self, given: tuple[str, ...], kept: Sequence[int] = ()) -> Nearest:
         """Compare every shape that the conditions keep, or every one of those `kept`."""
         return self._ordered(self._rows(given, self.count + _MARGIN, kept, is_exact=True), is_exact=True)
+
+    def if_few(self) -> Nearest | None:
+        """Compare every shape that the filter keeps, if they are so few that it is quicker than the index.
+
+        The index is asked for a fixed number of shapes that the filter keeps. If the filter keeps k of n shapes, the
+        index compares about n / k times as many, and the exact way compares k. So both are equally quick where k is
+        proportional to the square root of n. The search for the k shapes ends there.
+        """
+        most = int(_FEW * self.partition.indexed_rows**0.5)
+        of_labels = [CONDITIONS[name] for name in self.only.given if name != "metadata"]
+        if of_labels:  # which an index counts quickly
+            some = select(shapes.c.seq).where(*of_labels).limit(most + 1).subquery()
+            count = self.connection.scalar(select(func.count()).select_from(some), values_of(self.only)) or 0
+            if count <= most:
+                return self.exactly(self.only.given)
+        if not self.only.metadata or self._keeps_many(most):
+            return None
+        found = select(shapes.c.seq).where(*(CONDITIONS[name] for name in self.only.given)).limit(most + 1)
+        kept = self.connection.scalars(found, values_of(self.only)).all()  # which parses the metadata, and only once
+        return self.exactly(_KEPT, kept) if len(kept) <= most else None
+
+    def _keeps_many(self, most: int) -> bool:
+        """Return whether the metadata of a sample of the shapes show that far more than `most` are kept.
+
+        This saves time: to find that out exactly, the metadata of `most` shapes must be parsed.
+        """
+        n = self.partition.indexed_rows
+        percent = min(100.0, 100 * _SAMPLED / max(1, n))
+        sample = tablesample(shapes, func.system(percent), name="sampled")
+        is_kept = searched_metadata("sampled").op("@>", is_comparison=True)(_CONTAINED)
+        looked = select(func.count(sample.c.seq), func.count().filter(is_kept))
+        total, kept = self.connection.execute(looked, values_of(self.only)).one()
+        return bool(total >= _SAMPLED / 2 and kept * n > 2 * most * total)
 
     def by_index(self) -> Nearest | None:
         """Compare candidates; None if the index ended before it found enough of the shapes that the filter keeps.
@@ -261,32 +294,3 @@ def _set(connection: Connection, ef_search: int) -> None:
     """Set the number of candidates of this transaction's searches, and let filters ask for more."""
     settings = {"hnsw.ef_search": str(ef_search), "hnsw.iterative_scan": "relaxed_order"}
     connection.execute(select(*(func.set_config(name, value, True) for name, value in settings.items())))
-
-
-def _find_few(connection: Connection, partition: Partition, only: Filter) -> Sequence[int] | None:
-    """Return the seqs of the shapes that a filter keeps, if they are so few that it is quicker to compare all of them.
-
-    The index is asked for a fixed number of shapes that the filter keeps. If the filter keeps k of n shapes, the index
-    compares about n / k times as many, and the exact way compares k. So both are equally quick where k is proportional
-    to the square root of n. The search for the k shapes ends there.
-    """
-    most = int(_FEW * partition.indexed_rows**0.5)
-    if _keeps_many(connection, partition, only, most):
-        return None
-    some = select(shapes.c.seq).where(*(CONDITIONS[name] for name in only.given)).limit(most + 1)
-    found = connection.scalars(some, values_of(only)).all()
-    return found if len(found) <= most else None
-
-
-def _keeps_many(connection: Connection, partition: Partition, only: Filter, most: int) -> bool:
-    """Return whether a sample of the shapes shows that a filter keeps far more than `most`.
-
-    This saves time: to find it out exactly, `most` shapes must be read, and their metadata parsed.
-    """
-    percent = min(100.0, 100 * _SAMPLED / max(1, partition.indexed_rows))
-    sample = tablesample(shapes, func.system(percent), name="sampled")
-    hits = func.count().filter(*(CONDITIONS[name] for name in only.given))
-    total, kept = connection.execute(
-        select(func.count(), hits).where(shapes.c.seq.in_(select(sample.c.seq))), values_of(only)
-    ).one()
-    return bool(total >= _SAMPLED / 2 and kept * partition.indexed_rows > 2 * most * total)

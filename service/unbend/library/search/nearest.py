@@ -50,7 +50,7 @@ MOST: Final = 1000
 """Largest number of shapes that the index is asked for, as pgvector limits its list of candidates."""
 
 _LEAST: Final = 100
-"""Least number of candidates that are ordered again: in half precision, one in forty of the ten nearest is farther."""
+"""Least number of candidates that are ordered again: half precision exchanges two or three in a hundred of the ten."""
 
 _FILTERED_SHARE: Final = 3
 """With a filter, the index compares many shapes for each candidate: so many candidates for each shape asked for."""

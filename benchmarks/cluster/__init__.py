@@ -1,1 +1,1 @@
-"""Measurements of a library in PostgreSQL, and of what surrounds it."""
+"""Benchmarks of a cluster on PostgreSQL."""

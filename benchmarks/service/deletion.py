@@ -34,7 +34,7 @@ def run_query(library: Library, data: bytes) -> None:
     key = Upload(data, "off", FEW).key
     with library.store.write() as connection:
         shape_rows.put_mesh(connection, key.sha256, data)
-        job = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+        job = job_rows.enqueue(connection, job_id=job_rows.new_id(), key=key, file_type="off", request=QueryRequest())
     with library.store.write() as connection:
         job_rows.claim(connection)
     with library.store.write() as connection:

@@ -109,7 +109,7 @@ def _add(connection: Connection, packed: PackedSignature, data: bytes, label: st
 def _answer(connection: Connection, number: int, answer: dict, parameters: Parameters) -> None:
     key = Upload(b"query %d" % number, "off", parameters).key
     shape_rows.put_mesh(connection, key.sha256, b"query %d" % number)
-    job = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+    job = job_rows.enqueue(connection, job_id=job_rows.new_id(), key=key, file_type="off", request=QueryRequest())
     job_rows.claim(connection)
     job_rows.finish(connection, job.id, "succeeded", result=answer)
 

@@ -121,7 +121,7 @@ def test_a_job_that_is_claimed_while_the_server_stops_is_requeued_without_an_att
         key = Upload(data, "ply", FEW).key
         with library.store.write() as connection:
             put_mesh(connection, key.sha256, data)
-            job = job_rows.enqueue(connection, key=key, file_type="ply", request=REQUEST)
+            job = job_rows.enqueue(connection, job_id=job_rows.new_id(), key=key, file_type="ply", request=REQUEST)
         left = asyncio.run(story(library, job.id))
     assert [job and job.id for job in claimed] == [left.id]
     assert (left.state, left.attempts, left.restarts) == ("queued", 0, 0)

@@ -22,6 +22,8 @@ from unbend.library.backups.backup import backup, check_backup, restore
 from unbend.library.requests import ShapeRequest, Upload
 from unbend.library.storage.database import revisions
 
+DATABASES = ("sqlite",)  # the only one with a file
+
 RELEASED = Path(__file__).parent / "released"
 
 
@@ -52,7 +54,9 @@ def enqueue(library: Library, data: bytes, name: str) -> str:
     key = Upload(data, "off", PARAMETERS).key
     with library.store.write() as connection:
         shape_rows.put_mesh(connection, key.sha256, data)
-        return job_rows.enqueue(connection, key=key, file_type="ply", request=ShapeRequest(name)).id
+        return job_rows.enqueue(
+            connection, job_id=job_rows.new_id(), key=key, file_type="ply", request=ShapeRequest(name)
+        ).id
 
 
 def make_key(library: Library, name: str) -> tuple[str, str]:
@@ -153,8 +157,8 @@ def test_a_backup_does_not_replace_a_library_in_use(library, tmp_path):
     [
         ("{new}/nowhere.db", "no library at"),
         ("sqlite://", "in memory"),
-        ("postgresql://user:secret@host/shapes", "in postgresql, not in an SQLite file: use pg_dump"),
-        ("postgresql+psycopg://user:secret@host/shapes", "in postgresql, not in an SQLite file: use pg_dump"),
+        ("postgresql://user:secret@host/shapes", "in PostgreSQL, not in an SQLite file: use pg_dump"),
+        ("postgresql+psycopg://user:secret@host/shapes", "in PostgreSQL, not in an SQLite file: use pg_dump"),
     ],
 )
 def test_a_backup_of_anything_but_a_library_file_is_refused(tmp_path, url, words):
@@ -313,7 +317,7 @@ def test_a_restore_waits_for_a_writer(library, path, tmp_path):
 
 def test_a_restore_fails_if_a_writer_takes_too_long(library, path, tmp_path, monkeypatch):
     copy = library.backup(tmp_path / "copy.db").path
-    monkeypatch.setattr("unbend.library.storage.database._BUSY_SECONDS", 0.1)
+    monkeypatch.setattr("unbend.library.storage.sqlite._BUSY_SECONDS", 0.1)
     with library.store.write() as connection:
         insert(connection, b"x", "kept")
         with pytest.raises(StoreError, match="locked"):

@@ -48,7 +48,7 @@ def start_job(library: Library, data: bytes, request: ShapeRequest | QueryReques
     key = Upload(data, "off", PARAMETERS).key
     with library.store.write() as connection:
         shape_rows.put_mesh(connection, key.sha256, data)
-        job = job_rows.enqueue(connection, key=key, file_type="off", request=request)
+        job = job_rows.enqueue(connection, job_id=job_rows.new_id(), key=key, file_type="off", request=request)
         assert job_rows.claim(connection).id == job.id
     return job.id
 

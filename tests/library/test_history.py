@@ -19,7 +19,7 @@ def answered(connection, count: int, answer: dict, label: str = "") -> None:
     for number in range(count):
         key = Upload(b"%d" % number, "off", PARAMETERS).key
         shape_rows.put_mesh(connection, key.sha256, b"%d" % number)
-        job = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+        job = job_rows.enqueue(connection, job_id=job_rows.new_id(), key=key, file_type="off", request=QueryRequest())
         job_rows.claim(connection)
         job_rows.finish(connection, job.id, "succeeded", result=answer)
 
@@ -61,8 +61,12 @@ def test_jobs_are_found_by_state_kind_and_shape(library):
         answered(connection, 2, ranking(shape))
         key = Upload(b"mesh", "off", PARAMETERS).key
         shape_rows.put_mesh(connection, key.sha256, b"mesh")
-        upload = job_rows.enqueue(connection, key=key, file_type="off", request=ShapeRequest("a"))
-        waiting = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+        upload = job_rows.enqueue(
+            connection, job_id=job_rows.new_id(), key=key, file_type="off", request=ShapeRequest("a")
+        )
+        waiting = job_rows.enqueue(
+            connection, job_id=job_rows.new_id(), key=key, file_type="off", request=QueryRequest()
+        )
         job_rows.claim(connection)
         job_rows.finish(connection, upload.id, "succeeded", shape_id=shape.id)
     assert [job.id for job in listed(library, JobFilter(state="queued")).items] == [waiting.id]
@@ -78,7 +82,9 @@ def test_queue_positions_count_all_queued_jobs(library):
             key = Upload(b"%d" % number, "off", PARAMETERS).key
             shape_rows.put_mesh(connection, key.sha256, b"%d" % number)
             request = ShapeRequest("a") if number % 3 else QueryRequest()
-            ids.append(job_rows.enqueue(connection, key=key, file_type="off", request=request).id)
+            ids.append(
+                job_rows.enqueue(connection, job_id=job_rows.new_id(), key=key, file_type="off", request=request).id
+            )
         page = job_rows.list_jobs(connection, JobFilter(kind="query"), cursor=None, limit=2)
         assert job_rows.positions(connection, page.items) == {ids[6]: 6, ids[3]: 3}
 
@@ -88,7 +94,9 @@ def test_deleting_old_jobs_keeps_the_newest_and_all_queued_ones(library):
         answered(connection, 12, ranking())
         key = Upload(b"mesh", "off", PARAMETERS).key
         shape_rows.put_mesh(connection, key.sha256, b"mesh")
-        waiting = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest())
+        waiting = job_rows.enqueue(
+            connection, job_id=job_rows.new_id(), key=key, file_type="off", request=QueryRequest()
+        )
     before = [job.id for job in listed(library).items]
     with library.store.write() as connection:
         assert job_rows.delete_ended(connection, keep=5) == 7

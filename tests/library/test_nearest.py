@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from sqlalchemy import create_engine, func, insert, select, text, update
 
-from tests.support.postgres import running_postgres
 from unbend import Parameters, Signature
 from unbend.errors import ParameterError, StoreError, VectorsMissingError
 from unbend.library import shape_rows
@@ -25,7 +24,6 @@ from unbend.library.storage.schema import (
     descriptors,
     library_state,
     meshes,
-    metadata,
     shapes,
     signatures,
 )
@@ -50,28 +48,10 @@ KIND = VectorKind(SPECTRUM, PARAMETERS.to_json(), ALGORITHM_VERSION)
 numbered = itertools.count()
 
 
-@pytest.fixture(scope="module")
-def postgres():
-    with running_postgres() as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
-def template(postgres):
-    """A database with the tables of a library, and without vectors."""
-    url = postgres.new()
-    engine = create_engine(url)
-    with engine.begin() as connection:
-        metadata.create_all(connection)
-        connection.execute(insert(library_state).values(id=1, revision=0, epoch="first"))
-    engine.dispose()
-    return url
-
-
 @pytest.fixture
-def empty(postgres, template):
+def empty(postgres, empty_postgres_library):
     """A library without vectors."""
-    url = postgres.copy(template)
+    url = postgres.copy(empty_postgres_library)
     engine = create_engine(url)
     yield engine
     engine.dispose()
@@ -160,9 +140,9 @@ def agree(found, expected):
 
 
 @pytest.fixture(scope="module")
-def large(postgres, template):
+def large(postgres, empty_postgres_library):
     """The address of a library of 3000 shapes with an index; a third are scans, and one in fifty is marked."""
-    url = postgres.copy(template)
+    url = postgres.copy(empty_postgres_library)
     engine = create_engine(url)
     rows, labels = poses(classes=30, members=100)
     add_many(

@@ -13,6 +13,8 @@ from tests.support.store import add, insert
 from unbend import Library
 from unbend.errors import StoreFullError, StoreLostError
 
+DATABASES = ("sqlite",)  # the only one with a file
+
 
 @pytest.fixture
 def library(tmp_path):

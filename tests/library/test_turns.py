@@ -20,7 +20,9 @@ def send(connection, number: int, owner: str | None, data: bytes = b"") -> job_r
     key = Upload(data, "off", PARAMETERS).key
     shape_rows.put_mesh(connection, key.sha256, data)
     request = ShapeRequest("a") if data == b"same" else QueryRequest()
-    return job_rows.enqueue(connection, key=key, file_type="off", request=request, sender=Sender(owner))
+    return job_rows.enqueue(
+        connection, job_id=job_rows.new_id(), key=key, file_type="off", request=request, sender=Sender(owner)
+    )
 
 
 def test_many_jobs_of_one_key_do_not_delay_another_key(library):

@@ -33,7 +33,9 @@ def sound(tmp_path_factory) -> Path:
         with library.store.write() as connection:
             key = Upload(b"query", "off", PARAMETERS).key
             shape_rows.put_mesh(connection, key.sha256, b"query")
-            job = job_rows.enqueue(connection, key=key, file_type="off", request=QueryRequest(k=1))
+            job = job_rows.enqueue(
+                connection, job_id=job_rows.new_id(), key=key, file_type="off", request=QueryRequest(k=1)
+            )
             answer = library.rank(library.signature(shape.id), k=1).as_dict()
             job_rows.claim(connection)
             job_rows.finish(connection, job.id, "succeeded", result=answer)

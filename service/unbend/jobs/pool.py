@@ -28,6 +28,7 @@ class WorkerPool:
     Parameters
     ----------
     workers : int
+        Number of processes; 0 for a server whose jobs run elsewhere.
     memory_mb : int or None
         Address space of each process, in megabytes; None for no limit.
     """
@@ -36,14 +37,14 @@ class WorkerPool:
         self.size = workers
         memory = None if memory_mb is None else memory_mb * 2**20
         self._workers = [WorkerProcess(partial(initialise, memory, number)) for number in range(workers)]
-        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="unbend worker")
+        self._threads = ThreadPoolExecutor(max(1, workers), thread_name_prefix="unbend worker")
         self._free: asyncio.LifoQueue[WorkerProcess] = asyncio.LifoQueue()
         for worker in self._workers:
             self._free.put_nowait(worker)
 
     async def start(self) -> None:
         """Start every process, and wait until all are ready."""
-        if not is_compiled(march):
+        if self._workers and not is_compiled(march):
             logger.warning("compiling the kernels, once for this machine: jobs wait about a minute")
         try:
             await asyncio.gather(*(self._start_one() for _ in self._workers))

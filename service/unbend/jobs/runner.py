@@ -11,10 +11,12 @@ from contextvars import Context, copy_context
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from typing import Any, Final, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar, get_args
 
 from unbend.errors import CallTimeoutError, JobCancelledError, JobTimeoutError, NotFoundError, QueueFullError
+from unbend.extras import extra
 from unbend.jobs.dispatcher import Dispatcher
+from unbend.jobs.execution import Execution
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import CURRENT_JOB, JobObserver, NoObserver
@@ -27,6 +29,9 @@ from unbend.library.requests import FileRequest, QueryRequest, ShapeRequest, Upl
 from unbend.library.shape_rows import MAX_PAGE
 from unbend.results.jobs import UNFINISHED_STATES
 from unbend.results.shapes import AddedShape, ShapeRecord
+
+if TYPE_CHECKING:
+    from unbend.jobs.cluster.dispatcher import ClusterDispatcher
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -81,10 +86,25 @@ class JobRunner:
         # process starts when it is first needed.
         self._lanes = {lane: _Lane(WorkerPool(1, self.limits.memory_mb)) for lane in get_args(Lane)}
         self._observer: JobObserver = observer or NoObserver()
-        self._dispatcher = Dispatcher(
-            library, self._pool, self.limits, self._observer, self._subscriptions, with_parts=with_parts
-        )
+        self._dispatcher = self._new_dispatcher(library, with_parts=with_parts)
         self._warming: asyncio.Task[None] | None = None
+
+    def _new_dispatcher(self, library: Library, *, with_parts: bool) -> Dispatcher | ClusterDispatcher:
+        executing = partial(
+            Execution, library, self._pool, self.limits, self._observer, self._subscriptions, with_parts=with_parts
+        )
+        connecting = library.store.postgres
+        if connecting is None:
+            self._execution = executing(report=self._subscriptions.report)
+            return Dispatcher(library, self._pool, self.limits, self._execution, self._subscriptions)
+        with extra("cluster"):
+            from unbend.jobs.cluster.dispatcher import ClusterDispatcher  # noqa: PLC0415
+            from unbend.jobs.cluster.news import News  # noqa: PLC0415
+        news = News(connecting, self._subscriptions)
+        self._execution = executing(report=news.report)
+        return ClusterDispatcher(
+            library, self._pool, self.limits, self._execution, self._subscriptions, news, connecting
+        )
 
     async def start(self) -> None:
         """Recover the jobs of an earlier server, start to claim jobs, and warm up the workers meanwhile."""
@@ -124,8 +144,13 @@ class JobRunner:
 
     @property
     def running(self) -> int:
-        """Number of claimed jobs."""
+        """Number of jobs that this process has claimed."""
         return self._dispatcher.running
+
+    @property
+    def capacity(self) -> tuple[int, int]:
+        """Numbers of worker processes and of claimed jobs, in all processes that share the library."""
+        return self._dispatcher.capacity
 
     async def submit_shape(
         self, upload: Upload, request: ShapeRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
@@ -276,7 +301,7 @@ class JobRunner:
 
     async def delete_ended(self, before: datetime, owner: str | None = None) -> int:
         """Delete the jobs of one API key, or of all callers, that ended before an instant; return their number."""
-        return await self._dispatcher.delete_ended(before=before, owner=owner)
+        return await self._execution.delete_ended(before=before, owner=owner)
 
     async def cancel(self, job_id: str) -> JobRecord:
         """Cancel a job. A queued job never starts, a running job's process is killed, an ended job does not change."""
@@ -286,11 +311,11 @@ class JobRunner:
         ended = await asyncio.wrap_future(self._jobs.cancel(job_id, error, reached))
         if ended:
             self._dispatcher.kill(job_id)
-            self._dispatcher.announce_end(ended)
+            self._execution.announce_end(ended)
         return await self.status(job_id)
 
     def _queue_limits(self, most_owned: int | None) -> QueueLimits:
-        return QueueLimits(self.limits.queued, most_owned, self.workers)
+        return QueueLimits(self.limits.queued, most_owned, self.capacity[0])
 
     async def _submitted(self, future: Future[NewJob | K]) -> JobRecord | K:
         """Wait until a submission is on disk; return the new job, or the existing job or shape."""

@@ -118,6 +118,12 @@ class Subscriptions:
         """Notify the subscribers of a job that its state may have changed."""
         self._notify(job_id, True)
 
+    def notify_all(self) -> None:
+        """Notify all subscribers that anything may have happened to their jobs, and forget all progress."""
+        self._progress.clear()
+        for job_id in list(self._subscribers):
+            self.notify_state(job_id)
+
     @contextmanager
     def subscribe(self, job_id: str, *, to_progress: bool = False) -> Iterator[Subscription]:
         """Yield a subscription to a job's changes of state, and to its progress if `to_progress`."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
-from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, text, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
@@ -16,15 +16,17 @@ from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import JobRequest, UploadKey, decode_parameters, decode_policy, decode_request, kind_of
 from unbend.library.shape_rows import delete_unused_mesh, parse_cursor
 from unbend.library.storage.log_eraser import mark_erased
+from unbend.library.storage.postgres import wait_less
 from unbend.library.storage.schema import Instant, job_files, jobs
 from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
 from unbend.results.jobs import ENDED_STATES, UNFINISHED_STATES, JobKind, JobState
 
-Cause = Literal["worker lost", "server lost", "stopped", "shape removed"]
+Cause = Literal["process lost", "worker lost", "server lost", "stopped", "shape removed"]
 """The cause for which a running job returns to the queue.
 
-Its process died, its server died, its server stops, or somebody removed the known shape that would be its result.
+Its process died; the worker of a cluster that ran it died, or was cut off; its server died; its server stops; or
+somebody removed the known shape that would be its result.
 """
 
 _BATCH: Final = 500
@@ -36,6 +38,7 @@ _SUMMARY: Final = [column for column in jobs.c if column.name != "result"]
 _UNFINISHED = jobs.c.state.in_(UNFINISHED_STATES)
 _ENQUEUE = insert(jobs).returning(*jobs.c)
 _GET = select(jobs).where(jobs.c.id == bindparam("job_id"))
+_LOCK = select(jobs.c.state, jobs.c.ticket).where(jobs.c.id == bindparam("job_id")).with_for_update()
 _SENT = (
     select(jobs)
     .where(jobs.c.idempotency == bindparam("idempotency"), jobs.c.created_at >= bindparam("since", type_=Instant()))
@@ -47,6 +50,20 @@ _COUNT_UNFINISHED = select(func.count()).select_from(jobs).where(_UNFINISHED, _O
 _COUNT_OWNED_BEFORE = _COUNT_QUEUED.where(_OWNED, jobs.c.seq < bindparam("seq"))
 _BY_OWNER = (
     select(jobs.c.owner, func.count().label("number")).where(jobs.c.state == bindparam("state")).group_by(jobs.c.owner)
+)
+# Steps from owner to owner through the index. To group the whole queue would take longer, the longer the queue is.
+_WAITING_OWNERS = text(
+    """
+    WITH RECURSIVE found (owner) AS (
+        SELECT min(owner) FROM jobs WHERE state = 'queued'
+        UNION ALL
+        SELECT (SELECT min(owner) FROM jobs WHERE state = 'queued' AND owner > found.owner)
+        FROM found WHERE found.owner IS NOT NULL
+    )
+    SELECT owner FROM found WHERE owner IS NOT NULL
+    UNION ALL
+    SELECT NULL WHERE EXISTS (SELECT 1 FROM jobs WHERE state = 'queued' AND owner IS NULL)
+    """
 )
 _other = jobs.alias("other")
 _EQUAL_UPLOAD_RUNS = exists().where(
@@ -61,6 +78,7 @@ _OLDEST = (
     .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_EQUAL_UPLOAD_RUNS)
     .order_by(jobs.c.seq)
     .limit(1)
+    .with_for_update(of=jobs, skip_locked=True)
 )
 _NTH = (
     select(jobs.c.seq)
@@ -73,10 +91,15 @@ _CLAIM = (
     update(jobs)
     .where(jobs.c.seq == bindparam("chosen"), jobs.c.state == "queued")
     .values(
-        state="running", stage="starting", attempts=jobs.c.attempts + 1, started_at=bindparam("now", type_=Instant())
+        state="running",
+        stage="starting",
+        attempts=jobs.c.attempts + 1,
+        started_at=bindparam("now", type_=Instant()),
+        ticket=bindparam("ticket", type_=jobs.c.ticket.type),
     )
     .returning(*jobs.c)
 )
+_CLAIMED = select(jobs).where(jobs.c.state == "running", jobs.c.ticket == bindparam("ticket"))
 _FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).returning(*jobs.c)
 
 
@@ -97,9 +120,15 @@ class Sender:
 ANONYMOUS: Final = Sender()
 
 
+def new_id() -> str:
+    """Return the id of a new job."""
+    return uuid.uuid4().hex
+
+
 def enqueue(
     connection: Connection,
     *,
+    job_id: str,
     key: UploadKey,
     file_type: str,
     request: JobRequest,
@@ -110,7 +139,7 @@ def enqueue(
     row = connection.execute(
         _ENQUEUE,
         {
-            "id": uuid.uuid4().hex, "kind": kind_of(request), "state": "queued", "stage": "queued", "progress": 0.0,
+            "id": job_id, "kind": kind_of(request), "state": "queued", "stage": "queued", "progress": 0.0,
             "attempts": 0, "restarts": 0, "mesh_sha256": key.sha256, "file_type": file_type,
             "parameters": key.parameters, "policy": key.policy, "request": request.as_dict(),
             "created_at": datetime.now(UTC), "shape_id": shape_id, **vars(sender),
@@ -127,10 +156,25 @@ def find_sent(connection: Connection, idempotency: str, since: datetime) -> JobR
 
 def get_job(connection: Connection, job_id: str) -> JobRecord:
     """Return a job; NotFoundError if there is none of this id."""
-    row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
-    if row is None:
+    job = find_job(connection, job_id)
+    if job is None:
         raise NotFoundError(f"no job {job_id}; it may have ended long ago and been deleted")
-    return _record(row, unpack_ranking(connection, row.result))
+    return job
+
+
+def find_job(connection: Connection, job_id: str) -> JobRecord | None:
+    """Return a job; None if there is none of this id."""
+    row = connection.execute(_GET, {"job_id": job_id}).one_or_none()
+    return None if row is None else _record(row, unpack_ranking(connection, row.result))
+
+
+def is_current(connection: Connection, job: JobRecord) -> bool:
+    """Return whether a job has not ended and still has the same ticket, and let nobody change that meanwhile.
+
+    A job has another ticket if its worker was cut off for so long that the queue gave it to another worker.
+    """
+    row = connection.execute(_LOCK, {"job_id": job.id}).one_or_none()
+    return row is not None and row.state in UNFINISHED_STATES and row.ticket == job.ticket
 
 
 @dataclass(frozen=True)
@@ -205,7 +249,7 @@ def count_unfinished(connection: Connection, owner: str) -> int:
     return connection.scalar(_COUNT_UNFINISHED, {"owner": owner}) or 0
 
 
-def claim(connection: Connection) -> JobRecord | None:
+def claim(connection: Connection, ticket: int | None = None) -> JobRecord | None:
     """Start the next job and return it; None if no queued job can start.
 
     API keys take turns: next is the oldest job of the key with the fewest running jobs. An upload waits while an equal
@@ -214,7 +258,15 @@ def claim(connection: Connection) -> JobRecord | None:
     seq = _next(connection)
     if seq is None:
         return None
-    row = connection.execute(_CLAIM, {"chosen": seq, "now": datetime.now(UTC)}).one_or_none()
+    wait_less(connection)  # a crash returns the job to the queue, and nobody was told of the claim's success
+    values = {"chosen": seq, "ticket": ticket, "now": datetime.now(UTC)}
+    row = connection.execute(_CLAIM, values).one_or_none()
+    return None if row is None else _record(row)
+
+
+def claimed(connection: Connection, ticket: int) -> JobRecord | None:
+    """Return the job that runs under a ticket."""
+    row = connection.execute(_CLAIMED, {"ticket": ticket}).one_or_none()
     return None if row is None else _record(row)
 
 
@@ -237,7 +289,10 @@ def position(connection: Connection, job: JobRecord) -> int | None:
 
 
 def _next(connection: Connection) -> int | None:
-    running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
+    waiting = list(connection.scalars(_WAITING_OWNERS))
+    if len(waiting) == 1:  # nobody to take turns with
+        return connection.scalar(_OLDEST, {"owner": waiting[0]})
+    running = _by_owner(connection, "running")
     for count in sorted({running.get(owner, 0) for owner in waiting}):
         level = [owner for owner in waiting if running.get(owner, 0) == count]
         found: list[int | None] = [connection.scalar(_OLDEST, {"owner": owner}) for owner in level]
@@ -250,17 +305,18 @@ def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
     return {row.owner: row.number for row in connection.execute(_BY_OWNER, {"state": state})}
 
 
-def requeue(connection: Connection, job_id: str, *, cause: Cause) -> None:
-    """Return a running job to its old place in the queue.
+def requeue(connection: Connection, job: JobRecord, *, cause: Cause) -> None:
+    """Return a running job to its old place in the queue, if it still runs under the same ticket.
 
-    The attempt counts only if the job's worker died. A restart is counted only if the job's server died.
+    The attempt counts only if the job's process or worker died. A restart counts only if its worker or server died.
     """
-    values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None}
-    if cause != "worker lost":
+    values: dict[str, Any] = {"state": "queued", "stage": "queued", "started_at": None, "ticket": None}
+    if cause not in {"process lost", "worker lost"}:
         values["attempts"] = jobs.c.attempts - 1
-    if cause == "server lost":
+    if cause in {"worker lost", "server lost"}:
         values["restarts"] = jobs.c.restarts + 1
-    connection.execute(update(jobs).where(jobs.c.id == job_id, jobs.c.state == "running").values(**values))
+    same = jobs.c.ticket.is_not_distinct_from(job.ticket)
+    connection.execute(update(jobs).where(jobs.c.id == job.id, jobs.c.state == "running", same).values(**values))
 
 
 def finish(
@@ -302,10 +358,20 @@ def finish(
     return _record(row, unpack_ranking(connection, row.result))
 
 
-def due_callbacks(connection: Connection, now: datetime, limit: int) -> list[JobRecord]:
-    """Return ended jobs whose webhooks are due, the longest due first."""
-    due = select(*_SUMMARY).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
-    return [_record(row) for row in connection.execute(due)]
+def has_due_callback(connection: Connection, now: datetime) -> bool:
+    """Return whether the webhook of a job is due."""
+    return bool(connection.scalar(select(exists().where(jobs.c.callback_due <= now))))
+
+
+def take_callbacks(connection: Connection, now: datetime, until: datetime, limit: int) -> list[JobRecord]:
+    """Return ended jobs whose webhooks are due, the longest due first; no other server takes them before `until`."""
+    due = select(jobs.c.seq).where(jobs.c.callback_due <= now).order_by(jobs.c.callback_due).limit(limit)
+    seqs = connection.scalars(due.with_for_update(skip_locked=True)).all()
+    if not seqs:
+        return []
+    taken = update(jobs).where(jobs.c.seq.in_(seqs)).values(callback_due=until).returning(*_SUMMARY)
+    rows = {row.seq: _record(row) for row in connection.execute(taken)}
+    return [rows[seq] for seq in seqs]
 
 
 def schedule_callback(connection: Connection, job_id: str, attempts: int, due: datetime | None) -> None:

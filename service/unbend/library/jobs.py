@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -13,11 +14,12 @@ from typing import Any, Final, TypeVar
 from sqlalchemy import Connection
 
 from unbend.errors import IdempotencyError, QueueFullError, QuotaError
-from unbend.library import job_rows, shape_rows
+from unbend.library import job_rows, shape_rows, tickets
 from unbend.library.job_rows import ANONYMOUS, Cause, JobFilter, Sender
 from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import FileRequest, JobRequest, QueryRequest, ShapeRequest, Upload, UploadKey
 from unbend.library.shape_rows import ComputedShape
+from unbend.library.storage.postgres import lock
 from unbend.library.storage.store import Store
 from unbend.progress import Progress
 from unbend.results.jobs import JobState
@@ -80,14 +82,14 @@ class Jobs:
         StoreFullError
             If the disk has no space for the file.
         """
-        key = upload.key  # hashed here, not in the writer's thread
+        key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
         def submit(connection: Connection) -> NewJob | JobRecord | AddedShape:
-            if earlier := _find_repeated(connection, sender):
+            if earlier := _find_sent(connection, attempts, sender):
                 return earlier
             if known := shape_rows.find_shape(connection, key):
                 return shape_rows.update_known(connection, known, request)
-            return self._enqueue(connection, key, upload, request, sender, limits)
+            return self._enqueue(connection, attempts.job_id, key, upload, request, sender, limits)
 
         return self._store.submit(submit)
 
@@ -95,11 +97,11 @@ class Jobs:
         self, upload: Upload, request: QueryRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord]:
         """Queue a query, or return the earlier job of a repeated request; raises as `submit_shape` does."""
-        key = upload.key  # hashed here, not in the writer's thread
+        key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
         def submit(connection: Connection) -> NewJob | JobRecord:
-            earlier = _find_repeated(connection, sender)
-            return earlier or self._enqueue(connection, key, upload, request, sender, limits)
+            earlier = _find_sent(connection, attempts, sender)
+            return earlier or self._enqueue(connection, attempts.job_id, key, upload, request, sender, limits)
 
         return self._store.submit(submit)
 
@@ -119,16 +121,22 @@ class Jobs:
         QuotaError
             If the sender has `limits.owned` queued and running jobs already.
         """
-        key = UploadKey.of(shape.sha256, shape.parameters, shape.policy)
+        key, attempts = UploadKey.of(shape.sha256, shape.parameters, shape.policy), _Attempts()
 
         def submit(connection: Connection) -> NewJob | JobRecord:
-            if repeated := _find_repeated(connection, sender):
-                return repeated
+            if earlier := _find_sent(connection, attempts, sender):
+                return earlier
             shape_rows.get_shape(connection, shape.id)
             _check_queue(connection, sender, limits)
             return NewJob(
                 job_rows.enqueue(
-                    connection, key=key, file_type=shape.file_type, request=request, sender=sender, shape_id=shape.id
+                    connection,
+                    job_id=attempts.job_id,
+                    key=key,
+                    file_type=shape.file_type,
+                    request=request,
+                    sender=sender,
+                    shape_id=shape.id,
                 )
             )
 
@@ -137,6 +145,7 @@ class Jobs:
     def _enqueue(
         self,
         connection: Connection,
+        job_id: str,
         key: UploadKey,
         upload: Upload,
         request: JobRequest,
@@ -147,25 +156,35 @@ class Jobs:
             self._store.disk.admit_upload(len(upload.data))
         _check_queue(connection, sender, limits)
         shape_rows.put_mesh(connection, key.sha256, upload.data)
-        job = job_rows.enqueue(connection, key=key, file_type=upload.file_type, request=request, sender=sender)
-        return NewJob(job)
+        return NewJob(
+            job_rows.enqueue(
+                connection, job_id=job_id, key=key, file_type=upload.file_type, request=request, sender=sender
+            )
+        )
 
     # Execution
 
-    def claim(self) -> Future[JobRecord | None]:
+    def claim(self, ticket: int | None = None) -> Future[JobRecord | None]:
         """Start the next job and return it; None if no queued job can start."""
-        return self._store.submit(job_rows.claim)
+        runs = itertools.count()
 
-    def requeue(self, job_id: str, cause: Cause) -> Future[None]:
+        def claim(connection: Connection) -> JobRecord | None:
+            if next(runs) and ticket is not None and (job := job_rows.claimed(connection, ticket)):
+                return job  # an earlier run of this change was committed, but its connection was lost
+            return job_rows.claim(connection, ticket)
+
+        return self._store.submit(claim)
+
+    def requeue(self, job: JobRecord, cause: Cause) -> Future[None]:
         """Return a running job to its old place in the queue."""
-        return self._store.submit(partial(job_rows.requeue, job_id=job_id, cause=cause))
+        return self._store.submit(partial(job_rows.requeue, job=job, cause=cause))
 
     def requeue_all(self) -> Future[None]:
         """Return every running job to the queue, because the server stops."""
 
         def requeue(connection: Connection) -> None:
             for job in job_rows.running_jobs(connection):
-                job_rows.requeue(connection, job.id, cause="stopped")
+                job_rows.requeue(connection, job, cause="stopped")
 
         return self._store.submit(requeue)
 
@@ -176,12 +195,46 @@ class Jobs:
             failed = []
             for job in job_rows.running_jobs(connection):
                 if job.restarts < restarts:
-                    job_rows.requeue(connection, job.id, cause="server lost")
+                    job_rows.requeue(connection, job, cause="server lost")
                 elif ended := job_rows.finish(connection, job.id, "failed", error=dict(error)):
                     failed.append(ended)
             return failed
 
         return self._store.submit(recover)
+
+    def recover_ticket(self, ticket: int, restarts: int, error: Mapping[str, Any]) -> Future[JobRecord | None]:
+        """Requeue the job of a worker that died. With too many restarts, it fails with `error` and is returned."""
+
+        def recover(connection: Connection) -> JobRecord | None:
+            job = job_rows.claimed(connection, ticket)
+            if job is None or not job_rows.is_current(connection, job):
+                return None
+            if job.restarts < restarts:
+                job_rows.requeue(connection, job, cause="worker lost")
+                return None
+            return job_rows.finish(connection, job.id, "failed", error=dict(error))
+
+        return self._store.submit(recover)
+
+    async def tickets(self, lost_seconds: float) -> tuple[list[int], int]:
+        """Return the tickets of running jobs of dead workers, and the number of queued jobs without a ticket.
+
+        A worker counts as dead if it has sent no heartbeat for `lost_seconds`.
+        """
+
+        def load(connection: Connection) -> tuple[list[int], int]:
+            return tickets.lost_tickets(connection, lost_seconds), tickets.count_missing(connection, lost_seconds)
+
+        return await self._in_thread(load)
+
+    def issue_tickets(self, number: int, lost_seconds: float) -> Future[None]:
+        """Add tickets to the queue, and delete those of dead workers."""
+
+        def issue(connection: Connection) -> None:
+            tickets.delete_dead(connection, lost_seconds)
+            tickets.issue(connection, number)
+
+        return self._store.submit(issue)
 
     # Results; the future has None if the job had ended already, such as by a cancellation
 
@@ -189,7 +242,8 @@ class Jobs:
         """Store the shape of an upload, and end its job."""
 
         def complete(connection: Connection) -> JobRecord | None:
-            if job_rows.get_job(connection, job.id).finished:  # cancelled meanwhile
+            shape_rows.lock_shapes(connection)
+            if not job_rows.is_current(connection, job):
                 return None
             if shape_rows.find_shape(connection, computed.key):  # another process added it meanwhile
                 return _complete_known(connection, job, computed.key)
@@ -204,27 +258,37 @@ class Jobs:
 
     def complete_query(self, job: JobRecord, ranking: Ranking) -> Future[JobRecord | None]:
         """Store the ranking of a query, and end its job."""
-        return self._finish(job.id, "succeeded", result=ranking.as_dict(), warnings=ranking.warnings)
+        return self._finish(job, "succeeded", result=ranking.as_dict(), warnings=ranking.warnings)
 
     def complete_file(self, job: JobRecord, file: JobFile) -> Future[JobRecord | None]:
         """Store the file of a job, and end the job; NotFoundError if the shape was removed meanwhile."""
 
         def complete(connection: Connection) -> JobRecord | None:
+            shape_rows.lock_shapes(connection)
             shape_rows.get_shape(connection, job.shape_id or "")
+            if not job_rows.is_current(connection, job):
+                return None
             return job_rows.finish(connection, job.id, "succeeded", shape_id=job.shape_id, file=file)
 
         return self._store.submit(complete)
 
-    def fail(self, job_id: str, error: Mapping[str, Any], reached: Progress | None) -> Future[JobRecord | None]:
+    def fail(self, job: JobRecord, error: Mapping[str, Any], reached: Progress | None) -> Future[JobRecord | None]:
         """End a job with an error."""
-        return self._finish(job_id, "failed", error=dict(error), reached=reached)
+        return self._finish(job, "failed", error=dict(error), reached=reached)
 
     def cancel(self, job_id: str, error: Mapping[str, Any], reached: Progress | None) -> Future[JobRecord | None]:
         """Cancel a job."""
-        return self._finish(job_id, "cancelled", error=dict(error), reached=reached)
+        return self._store.submit(
+            lambda connection: job_rows.finish(connection, job_id, "cancelled", error=dict(error), reached=reached)
+        )
 
-    def _finish(self, job_id: str, state: JobState, **values: Any) -> Future[JobRecord | None]:
-        return self._store.submit(lambda connection: job_rows.finish(connection, job_id, state, **values))
+    def _finish(self, job: JobRecord, state: JobState, **values: Any) -> Future[JobRecord | None]:
+        def finish(connection: Connection) -> JobRecord | None:
+            if not job_rows.is_current(connection, job):
+                return None
+            return job_rows.finish(connection, job.id, state, **values)
+
+        return self._store.submit(finish)
 
     # History
 
@@ -266,9 +330,13 @@ class Jobs:
         """Return the jobs that are running in the store."""
         return await self._store.fetch(job_rows.running_jobs)
 
-    async def due_callbacks(self, limit: int) -> list[JobRecord]:
-        """Return ended jobs whose webhooks are due, the longest due first."""
-        return await self._store.fetch(partial(job_rows.due_callbacks, now=datetime.now(UTC), limit=limit))
+    async def take_callbacks(self, limit: int, lease: timedelta) -> list[JobRecord]:
+        """Return ended jobs whose webhooks are due, the longest due first; no other server takes them for `lease`."""
+        now = datetime.now(UTC)
+        if not await self._store.fetch(partial(job_rows.has_due_callback, now=now)):
+            return []  # without a write, which would wait for the disk
+        take = partial(job_rows.take_callbacks, now=now, until=now + lease, limit=limit)
+        return await asyncio.wrap_future(self._store.submit(take))
 
     async def page(self, conditions: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
         """Return what `read_page` returns."""
@@ -294,16 +362,34 @@ class Jobs:
 def _check_queue(connection: Connection, sender: Sender, limits: QueueLimits) -> None:
     waiting = job_rows.count_queued(connection)
     if waiting >= limits.queued:
-        pause = max(1, waiting // (_CLAIMS_A_SECOND * limits.workers))
+        pause = max(1, waiting // (_CLAIMS_A_SECOND * max(1, limits.workers)))
         raise QueueFullError(f"{waiting} jobs wait already", retry_after=pause)
-    owned = job_rows.count_unfinished(connection, sender.owner) if limits.owned is not None and sender.owner else 0
-    if limits.owned is not None and owned >= limits.owned:
+    if limits.owned is None or not sender.owner:
+        return
+    lock(connection, f"jobs of {sender.owner}")  # so that servers count each other's
+    if job_rows.count_unfinished(connection, sender.owner) >= limits.owned:
         raise QuotaError(f"{limits.owned} jobs of this key wait or run already, as many as the key may have")
 
 
-def _find_repeated(connection: Connection, sender: Sender) -> JobRecord | None:
+class _Attempts:
+    """The runs of a submission. All add the same job, because an earlier run may have been committed."""
+
+    def __init__(self) -> None:
+        self.job_id = job_rows.new_id()
+        self._runs = itertools.count()
+
+    def find_job(self, connection: Connection) -> JobRecord | None:
+        """Return the job that an earlier run has added; begins the next run."""
+        return job_rows.find_job(connection, self.job_id) if next(self._runs) else None
+
+
+def _find_sent(connection: Connection, attempts: _Attempts, sender: Sender) -> JobRecord | NewJob | None:
+    """Return the job of an earlier run of this change, or of an earlier request with the same idempotency key."""
+    if sent := attempts.find_job(connection):
+        return NewJob(sent)
     if not sender.idempotency:
         return None
+    lock(connection, f"request {sender.idempotency}")  # so that servers see each other's
     earlier = job_rows.find_sent(connection, sender.idempotency, datetime.now(UTC) - IDEMPOTENCY)
     if earlier and earlier.fingerprint != sender.fingerprint:
         raise IdempotencyError("a different request was sent with this Idempotency-Key")
@@ -317,11 +403,12 @@ def _shape_request(job: JobRecord) -> ShapeRequest:
 
 
 def _complete_known(connection: Connection, job: JobRecord, key: UploadKey) -> JobRecord | None:
+    shape_rows.lock_shapes(connection)
+    if not job_rows.is_current(connection, job):
+        return None
     known = shape_rows.find_shape(connection, key)
     if known is None:
-        job_rows.requeue(connection, job.id, cause="shape removed")
-        return None
-    if job_rows.get_job(connection, job.id).finished:  # cancelled meanwhile
+        job_rows.requeue(connection, job, cause="shape removed")
         return None
     updated = shape_rows.update_known(connection, known, _shape_request(job))
     return job_rows.finish(

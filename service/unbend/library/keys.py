@@ -129,7 +129,8 @@ class Keys:
 
 
 def _insert(connection: Connection, row: Mapping[str, Any]) -> None:
-    connection.execute(insert(api_keys).values(**row))
+    if connection.execute(_FIND, {"key_id": row["id"]}).one_or_none() is None:  # otherwise this change ran before
+        connection.execute(insert(api_keys).values(**row))
 
 
 def _revoke(connection: Connection, key_id: str) -> KeyRecord:

@@ -51,6 +51,8 @@ class JobRecord:
     callback_attempts: int = 0
     callback_due: datetime | None = None
     """Time of the webhook's next attempt; None before the job ends, and after the last attempt."""
+    ticket: int | None = None
+    """The delivery of a cluster's queue by which a worker claimed the job; None in a library with one server."""
     detail: Mapping[str, float] = field(default_factory=dict)
     """Details of the present stage while the job runs; not stored."""
 

@@ -11,11 +11,13 @@ from typing import Any, Final, Self
 from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
+from unbend.brief import assigned, brief, noted
 from unbend.errors import ChangedError, NotFoundError, ParameterError
 from unbend.library.metadata import read_metadata
 from unbend.library.packing import PackedSignature, unpack_local, unpack_signature
 from unbend.library.requests import ShapeRequest, UploadKey, decode_parameters, decode_policy
 from unbend.library.storage.log_eraser import mark_erased
+from unbend.library.storage.postgres import lock
 from unbend.library.storage.schema import (
     descriptors,
     job_files,
@@ -116,6 +118,13 @@ class ComputedShape:
     area: float
     report: Mapping[str, Any]
 
+    def __repr__(self) -> str:
+        chosen = decode_parameters(self.key.parameters)
+        return brief(
+            self, f"mesh {self.key.sha256[:8]}", *assigned({"samples": chosen.samples}),
+            f"version {self.key.version}", noted(len(self.signature.warnings), "warning"),
+        )  # fmt: skip
+
     @classmethod
     def of(cls, key: UploadKey, found: FileSignature) -> Self:
         """Return what the store has of a file with this key."""
@@ -169,6 +178,7 @@ def delete_unused_mesh(connection: Connection, sha256: str) -> None:
 
 def add_shape(connection: Connection, computed: ComputedShape, request: ShapeRequest) -> ShapeRecord:
     """Store a shape whose mesh is stored already; return the new shape, or the stored shape with the same key."""
+    lock_shapes(connection)
     known = find_shape(connection, computed.key)
     if known:
         return known
@@ -260,6 +270,7 @@ def list_without_local(connection: Connection) -> list[ShapeRecord]:
 
 def put_local(connection: Connection, shape_id: str, payload: bytes) -> None:
     """Store the local signatures of a shape instead of earlier ones; do nothing if the shape was removed."""
+    lock_shapes(connection)
     signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
     if signature_id is not None:
         connection.execute(delete(local_signatures).where(local_signatures.c.signature_id == signature_id))
@@ -332,6 +343,7 @@ def change_shape(
     ChangedError
         If the shape's last revision is not one of `expected`.
     """
+    lock_shapes(connection)
     record = _expect(connection, shape_id, expected)
     if changes:
         made = {"changed": _next_revision(connection), "updated_at": datetime.now(UTC)}
@@ -346,6 +358,7 @@ def remove_shape(connection: Connection, shape_id: str, expected: Collection[int
 
     Its jobs stay, without their files and without the warnings about the shape. `expected` is as in `change_shape`.
     """
+    lock_shapes(connection)
     record = _expect(connection, shape_id, expected)
     signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.id == shape_id))
     connection.execute(delete(shapes).where(shapes.c.id == shape_id))
@@ -371,7 +384,8 @@ def count_labels(connection: Connection) -> dict[str, int]:
     query = (
         select(shapes.c.label, func.count().label("size")).where(shapes.c.label.is_not(None)).group_by(shapes.c.label)
     )
-    return {row.label: row.size for row in connection.execute(query.order_by(shapes.c.label))}
+    # Sorted here, because databases sort letters in different orders.
+    return dict(sorted((row.label, row.size) for row in connection.execute(query)))
 
 
 def count_shapes(connection: Connection) -> int:
@@ -379,11 +393,17 @@ def count_shapes(connection: Connection) -> int:
     return connection.scalar(select(func.count()).select_from(shapes)) or 0
 
 
-def _next_revision(connection: Connection) -> int:
-    """Increment the revision and return it.
+def lock_shapes(connection: Connection) -> None:
+    """Let no other transaction add, change or remove shapes before this one ends.
 
-    Call this before inserting a shape: the lock on the revision makes concurrent writers insert in the order of seqs.
+    Shapes thereby appear in the order of their seqs, and nothing changes between a check and the write that relies on
+    it. To avoid deadlocks, call this before the transaction locks a job.
     """
+    lock(connection, "shapes")
+
+
+def _next_revision(connection: Connection) -> int:
+    """Increment the revision and return it."""
     return int(connection.scalars(_NEXT_REVISION).one())
 
 

@@ -75,7 +75,7 @@ def fill(library: Library) -> None:
     signature = compute_signature(read_mesh(octahedron(1.1)), FEW)
     done(library.jobs.complete_query(answered, library.search.rank(signature, QueryRequest())))
     error = describe(MeshReadError("the file ends early"))
-    done(library.jobs.fail(started(library, 1.2, described("broken")).id, error, None))
+    done(library.jobs.fail(started(library, 1.2, described("broken")), error, None))
     done(library.jobs.cancel(started(library, 1.3, QueryRequest()).id, error, None))
     started(library, 1.4, described("running"))
     submit(library, 1.5, described("waiting"))

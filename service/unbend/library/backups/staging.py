@@ -34,7 +34,7 @@ def prepare(staged: Path, store: Store) -> KeyRows:
             connection.execute(delete(api_keys))
             connection.execute(insert(api_keys), [dict(key) for key in keys])
         for job in job_rows.running_jobs(connection):
-            job_rows.requeue(connection, job.id, cause="stopped")
+            job_rows.requeue(connection, job, cause="stopped")
         connection.execute(update(library_state).values(epoch=uuid.uuid4().hex))
 
     with closing(Store(str(staged))) as copy:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from alembic import command
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
-from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError, DatabaseError
+from sqlalchemy import URL, Engine, create_engine, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
+from unbend.library.storage import postgres, queue_schema, sqlite
 
-_BUSY_SECONDS: Final = 30
+_DATABASES: Final = ("sqlite", "postgresql", "postgres")
 _MIGRATIONS: Final = Path(__file__).parent.parent / "migrations"
-_TOOLS: Final = {"postgresql": "pg_dump and pg_restore", "mysql": "mysqldump", "mariadb": "mariadb-dump"}
 
 
 def sqlite_file(url: str) -> Path:
@@ -29,9 +29,8 @@ def sqlite_file(url: str) -> Path:
         If the library is not an SQLite file; the message names the tool of its database.
     """
     address = _address(url)
-    kind = address.get_backend_name()
-    if kind != "sqlite":
-        raise ParameterError(f"the library is in {kind}, not in an SQLite file: use {_TOOLS.get(kind, 'its own tool')}")
+    if address.get_backend_name() != "sqlite":
+        raise ParameterError("the library is in PostgreSQL, not in an SQLite file: use pg_dump and pg_restore")
     if address.database in {None, "", ":memory:"}:
         raise ParameterError("the library is in memory, not in a file")
     return Path(str(address.database))
@@ -46,9 +45,7 @@ def must_exist(url: str) -> None:
 
 def create_schema(path: Path, revision: str) -> None:
     """Create an empty library of an earlier or the present schema, in a file that is empty or missing."""
-    engine = create_engine(URL.create("sqlite", database=str(path)))
-    event.listen(engine, "begin", _begin_sqlite)
-    event.listen(engine, "connect", _disable_driver_transactions)
+    engine = sqlite.with_own_transactions(create_engine(URL.create("sqlite", database=str(path))))
     try:
         migrate_engine(engine, revision)
     finally:
@@ -66,19 +63,30 @@ def is_in_memory(url: str) -> bool:
     return address.get_backend_name() == "sqlite" and address.database in {None, "", ":memory:"}
 
 
+def is_shared(url: str) -> bool:
+    """Return whether several servers and workers can share a library: it is in PostgreSQL."""
+    return _address(url).get_backend_name() != "sqlite"
+
+
 def open_engine(url: str) -> Engine:
-    """Return an engine for a library, with this program's settings; ParameterError for an unknown database."""
+    """Return an engine for a library, with this program's settings.
+
+    Raises
+    ------
+    ParameterError
+        If the URL is of an unknown database.
+    ExtraMissingError
+        If the driver of PostgreSQL is not installed.
+    """
     address = _address(url)
-    is_file = address.get_backend_name() == "sqlite" and not is_in_memory(url)
+    if address.get_backend_name() != "sqlite":
+        return postgres.open_postgres(address)
     try:
         # No limit on connections: every thread that needs a connection to a file gets one.
-        engine = create_engine(address, max_overflow=-1) if is_file else create_engine(address)
-    except (ArgumentError, ImportError):  # ImportError: the driver of the database is not installed
+        engine = create_engine(address) if is_in_memory(url) else create_engine(address, max_overflow=-1)
+    except (ArgumentError, ImportError):  # another driver
         raise _unknown(url) from None
-    if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _prepare_sqlite)
-        event.listen(engine, "begin", _begin_sqlite)
-    return engine
+    return sqlite.prepare(engine)
 
 
 def shown_url(url: str) -> str:
@@ -93,37 +101,17 @@ def _address(url: str) -> URL:
         except RuntimeError:  # the home folder of an unknown user
             raise ParameterError(f"{url}: there is no such user") from None
     try:
-        return make_url(url)
+        address = make_url(url)
+        known = address.get_backend_name() in _DATABASES
     except (ArgumentError, ValueError):  # for example a port that is not a number
         raise _unknown(url) from None
+    if not known:
+        raise _unknown(url)
+    return address
 
 
 def _unknown(url: str) -> ParameterError:
     return ParameterError(f"{url.split(':', maxsplit=1)[0]}: neither a path nor the URL of a known database")
-
-
-def _disable_driver_transactions(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # `_begin_sqlite` begins transactions, not the driver
-
-
-def _prepare_sqlite(connection: Any, record: object) -> None:
-    _disable_driver_transactions(connection, record)
-    cursor = connection.cursor()
-    cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
-    cursor.execute("PRAGMA journal_mode = WAL")
-    cursor.execute("PRAGMA synchronous = FULL")  # acknowledged changes survive a power failure
-    cursor.execute("PRAGMA secure_delete = ON")  # SQLite overwrites deleted content
-    cursor.close()
-
-
-def _begin_sqlite(connection: Connection) -> None:
-    options = connection.get_execution_options()
-    # Use the driver's connection: SQLAlchemy's path to a cursor costs more than a small transaction.
-    driver: Any = connection.connection.dbapi_connection
-    # A migration replaces tables: with foreign keys, dropping the old table would delete every row that refers to it.
-    driver.execute(f"PRAGMA foreign_keys = {'OFF' if options.get('unbend_migrating') else 'ON'}")
-    # A writer locks at once: SQLite can refuse a transaction that reads first and writes later.
-    driver.execute("BEGIN" if options.get("unbend_reading") else "BEGIN IMMEDIATE")
 
 
 def _config() -> Config:
@@ -146,10 +134,14 @@ def migrate_engine(engine: Engine, revision: str = "head") -> None:
     config = _config()
     try:
         with engine.execution_options(unbend_migrating=True).begin() as connection:
+            if connection.dialect.name == "postgresql":
+                postgres.begin_migration(connection)
             config.attributes["connection"] = connection
             command.upgrade(config, revision)
+            if connection.dialect.name == "postgresql":
+                queue_schema.upgrade(connection)
     except CommandError as error:
         raise StoreVersionError("the library was made by a later version of unbend") from error
-    except (DatabaseError, sqlite3.Error) as error:  # sqlite3.Error: from `_begin_sqlite`
+    except (DBAPIError, sqlite3.Error) as error:  # sqlite3.Error: from `sqlite`
         place, why = engine.url.render_as_string(hide_password=True), getattr(error, "orig", error)
         raise StoreError(f"the library at {place} cannot be opened: {why}") from error

@@ -7,6 +7,7 @@ from typing import Any
 
 from sqlalchemy import (
     JSON,
+    BigInteger,
     Column,
     Dialect,
     Float,
@@ -45,6 +46,9 @@ class Instant(TypeDecorator[datetime]):
         """Convert from seconds."""
         return None if value is None else datetime.fromtimestamp(value, UTC)
 
+
+Serial = BigInteger().with_variant(Integer, "sqlite")
+"""A number that grows for ever. In SQLite every integer has 64 bits, and only the type Integer counts by itself."""
 
 meshes = Table(
     "meshes",
@@ -132,7 +136,7 @@ removals = Table(
 jobs = Table(
     "jobs",
     metadata,
-    Column("seq", Integer, primary_key=True, autoincrement=True),
+    Column("seq", Serial, primary_key=True, autoincrement=True),
     Column("id", String(32), nullable=False, unique=True),
     Column("kind", String, nullable=False),
     Column("state", String, nullable=False),
@@ -159,6 +163,7 @@ jobs = Table(
     Column("callback", String),
     Column("callback_attempts", Integer, nullable=False, server_default="0"),
     Column("callback_due", Instant),
+    Column("ticket", BigInteger),
     Index(None, "state", "seq"),
     Index(None, "state", "owner", "seq"),
     Index(None, "idempotency"),
@@ -167,7 +172,7 @@ jobs = Table(
     Index(None, "shape_id"),
     Index(None, "finished_at"),
     sqlite_autoincrement=True,
-    comment="The queue and its history.",
+    comment="The queue and its history. ticket is the delivery of a cluster's queue by which a worker claimed the job.",
 )
 
 job_files = Table(

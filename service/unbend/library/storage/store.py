@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
@@ -13,12 +13,13 @@ from typing import Any, TypeVar
 from sqlalchemy import Connection
 
 from unbend.errors import StoreError, StoreFullError
+from unbend.library.storage import postgres
 from unbend.library.storage.database import is_in_memory, migrate_engine, open_engine, sqlite_file
 from unbend.library.storage.disk import LibraryDisk
 from unbend.library.storage.log_eraser import LogEraser, Urgency, take_mark
 from unbend.library.storage.read_cache import ReadCache
-from unbend.library.storage.transactions import as_store_error, is_open
-from unbend.library.storage.writer import Writer
+from unbend.library.storage.transactions import as_store_error, is_open, retried
+from unbend.library.storage.writer import ConcurrentWriter, Writer
 
 T = TypeVar("T")
 
@@ -46,8 +47,10 @@ class Store:
     def __init__(self, url: str, *, migrate: bool = True) -> None:
         self.url = url
         self._engine = open_engine(url)
-        self._reading = self._engine.execution_options(unbend_reading=True)
         is_sqlite = self._engine.dialect.name == "sqlite"
+        self._reading = (
+            self._engine.execution_options(unbend_reading=True) if is_sqlite else postgres.one_state(self._engine)
+        )
         self._is_in_memory = is_in_memory(url)
         self._eraser = LogEraser(self._engine) if is_sqlite else None
         if migrate:
@@ -56,7 +59,7 @@ class Store:
         has_file = is_sqlite and not self._is_in_memory
         self._cache = ReadCache(self._engine) if has_file else None
         self.disk = LibraryDisk(sqlite_file(url).absolute(), self._unused_bytes) if has_file else None
-        self._writer: Writer | None = None
+        self._writer: Writer | ConcurrentWriter | None = None
         self._writer_lock = threading.Lock()
         self._is_closed = False
 
@@ -64,6 +67,12 @@ class Store:
     def is_closed(self) -> bool:
         """Whether the store was closed."""
         return self._is_closed
+
+    @property
+    def postgres(self) -> Mapping[str, Any] | None:
+        """The arguments with which psycopg connects to the database; None for SQLite."""
+        is_sqlite = self._engine.dialect.name == "sqlite"
+        return None if is_sqlite else postgres.connection_arguments(self._engine)
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -75,8 +84,8 @@ class Store:
     def submit(self, change: Callable[[Connection], T]) -> Future[T]:
         """Queue a change for the writer; the change is on disk when the future has its result.
 
-        A change may run several times (see `Writer`). If the database is in memory, the change runs in the
-        caller's thread.
+        A change may run several times (see `Writer` and `retried`). If the database is in memory, the change runs in
+        the caller's thread.
 
         Raises
         ------
@@ -92,7 +101,9 @@ class Store:
             if self._is_closed:
                 raise StoreError("the library is closed")
             if self._writer is None:
-                self._writer = Writer(_Transactions(self))
+                transactions = _Transactions(self)
+                is_sqlite = self._engine.dialect.name == "sqlite"
+                self._writer = Writer(transactions) if is_sqlite else ConcurrentWriter(transactions)
             return self._writer.submit(change)
 
     def change(self, change: Callable[[Connection], T]) -> T:
@@ -129,9 +140,13 @@ class Store:
             return self._cache.get_or_load(cache_key, lambda: self.load(load))
 
     def load(self, load: Callable[[Connection], T]) -> T:
-        """Return what `load` reads in a transaction of its own."""
-        with self.read() as connection:
-            return load(connection)
+        """Return what `load` reads in a transaction of its own; `load` runs again if the database was interrupted."""
+
+        def read() -> T:
+            with self.read() as connection:
+                return load(connection)
+
+        return retried(read)
 
     @contextmanager
     def driver_connection(self) -> Iterator[Any]:
@@ -196,7 +211,7 @@ class _Transactions:
 
     def single(self, change: Callable[[Connection], T]) -> T:
         try:
-            return self.batch(change)
+            return retried(partial(self.batch, change))
         except StoreFullError as error:
             # `LibraryDisk.admit_upload` refuses with an error that has no cause. A refusal must not use up the reserve.
             if error.__cause__ is None or self._store.disk is None or not self._store.disk.release():

@@ -1,4 +1,8 @@
-"""The thread that runs the changes of a store. Waiting changes share a transaction, so they wait for the disk once."""
+"""The threads that run the changes of a store.
+
+SQLite has one writer at a time: changes that wait share a transaction, so they wait for the disk once. PostgreSQL has
+many, and lets their commits wait for the disk together.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeVar
 
@@ -21,6 +25,10 @@ Change = Callable[[Connection], Any]
 
 _MAX_BATCH: Final = 64
 """Largest number of changes that share a transaction. Other processes that write wait for its end."""
+
+
+_MOST_AT_ONCE: Final = 4
+"""Largest number of transactions that a process writes at a time. More would wait for the same disk."""
 
 
 class Transactions(Protocol):
@@ -92,6 +100,22 @@ class Writer:
             return _Outcome(self._transactions.single(change))
         except Exception as error:  # noqa: BLE001  the caller gets every error
             return _Outcome(error=error)
+
+
+class ConcurrentWriter:
+    """Runs each change in a transaction of its own, several at a time; thread-safe."""
+
+    def __init__(self, transactions: Transactions) -> None:
+        self._transactions = transactions
+        self._threads = ThreadPoolExecutor(_MOST_AT_ONCE, thread_name_prefix="unbend writer")
+
+    def submit(self, change: Callable[[Connection], T]) -> Future[T]:
+        """Queue a change; the future has the result, or the error that the change or the store raised."""
+        return self._threads.submit(self._transactions.single, change)
+
+    def close(self) -> None:
+        """Run the queued changes, and stop."""
+        self._threads.shutdown()
 
 
 @dataclass(frozen=True)

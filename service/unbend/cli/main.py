@@ -17,6 +17,7 @@ from unbend.cli.export import export
 from unbend.cli.flatten import flatten
 from unbend.cli.group import CommandGroup
 from unbend.cli.importing import import_folder
+from unbend.cli.index import index
 from unbend.cli.jobs import jobs
 from unbend.cli.keys import keys
 from unbend.cli.label import label
@@ -53,6 +54,6 @@ def main() -> None:
 
 for command in (
     serve, signature, flatten, show, compare, match, transfer, symmetry, compute, import_folder, export, list_shapes,
-    label, remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo, worker,
+    label, remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo, worker, index,
 ):  # fmt: skip
     main.add_command(command)

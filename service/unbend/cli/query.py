@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -41,6 +42,20 @@ _ID_SHOWN: Final = 8
 """Digits of an id that the table shows on a terminal."""
 
 
+def _metadata(_context: click.Context, _option: click.Parameter, given: Sequence[str]) -> dict[str, Any]:
+    """Return the members of metadata that the option --where names."""
+    found: dict[str, Any] = {}
+    for each in given:
+        name, sign, text = each.partition("=")
+        if not sign:
+            raise click.BadParameter(f"{each!r} should be NAME=VALUE")
+        try:
+            found[name] = json.loads(text)
+        except ValueError:
+            found[name] = text
+    return found
+
+
 @click.command()
 @click.argument("mesh", type=mesh_path)
 @place_options
@@ -51,6 +66,15 @@ _ID_SHOWN: Final = 8
     f"their distances are then those of {VECTOR_MEASURES[0]}.",
 )
 @classifier_option
+@click.option("--exact", is_flag=True, help="Compare every shape, even if the database has an approximate index.")
+@click.option("--label", metavar="CLASS", help="Compare only shapes of this class.")
+@click.option(
+    "--where",
+    metavar="NAME=VALUE",
+    multiple=True,
+    callback=_metadata,
+    help="Compare only shapes whose metadata have this value: JSON, or text. Can be repeated.",
+)
 @json_option
 @parameter_options
 @policy_options
@@ -61,6 +85,9 @@ def query(
     k: int,
     measure: str,
     classifier: str,
+    exact: bool,
+    label: str | None,
+    where: dict[str, Any],
     as_json: bool,
     parameters: Values,
     policy: Values,
@@ -73,7 +100,9 @@ def query(
     The line after the classes says if MESH may belong to none of them, or if unbend cannot tell. A terminal shows the
     nearest classes and the beginning of each id. A pipe gets all of them.
     """
-    options = {"k": k, "measure": measure, "classifier": classifier}
+    options = {
+        "k": k, "measure": measure, "classifier": classifier, "exact": exact, "label": label, "metadata": where,
+    }  # fmt: skip
     with open_place(library, url) as place:
         ranking = rank_file(place, mesh, parameters, policy, options)
         if not ranking.shapes:

@@ -377,6 +377,9 @@ class SyncClient:
         measure: str | None = None,
         classifier: str | None = None,
         k: int = DEFAULT_K,
+        exact: bool = False,
+        label: str | None = None,
+        metadata: Mapping[str, Any] | None = None,
         parameters: ParametersLike = None,
         policy: PolicyLike = None,
         timeout: float | None = None,
@@ -392,6 +395,12 @@ class SyncClient:
             By default those of the service. `Library.rank` lists them.
         k : int
             Number of shapes to return; all classes are returned.
+        exact : bool, default False
+            Compare every shape, even if the database of the service has an approximate index.
+        label : str, optional
+            Compare only shapes of this class.
+        metadata : mapping, optional
+            Compare only shapes whose metadata have these members, with these values: text, numbers, booleans or None.
         parameters, policy : optional
             As for `add`, for a query that is a mesh.
         timeout, progress : optional
@@ -407,7 +416,7 @@ class SyncClient:
         MeshError
             If the mesh cannot be read or computed.
         """
-        options = QueryOptions(measure, classifier, k)
+        options = QueryOptions(measure, classifier, k, exact or None, label, metadata)
         shape_id = protocol.stored(query)
         if shape_id is not None:
             body = options.of_shape(shape_id)

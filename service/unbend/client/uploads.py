@@ -121,6 +121,9 @@ class QueryOptions:
     measure: str | None
     classifier: str | None
     k: int
+    exact: bool | None = None
+    label: str | None = None
+    metadata: Mapping[str, Any] | None = None
 
     def content(self, mesh: MeshFile, parameters: ParametersLike, policy: PolicyLike) -> Content:
         """Return the multipart form of a query by file."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
@@ -17,9 +17,10 @@ from unbend.library.backups.export import export
 from unbend.library.computed import check_computed
 from unbend.library.jobs import JobFilter, Jobs
 from unbend.library.keys import Keys
+from unbend.library.metadata import Scalar
 from unbend.library.packing import pack_local
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload
-from unbend.library.search import MapOptions, Search
+from unbend.library.search import MapOptions, Search, SearchChoice
 from unbend.library.search.overview import MAP_LIMIT
 from unbend.library.shape_rows import MAX_PAGE, ComputedShape
 from unbend.library.shapes import Shapes
@@ -58,6 +59,9 @@ class Library:
         A path of an SQLite file, which is created if it is missing, or an SQLAlchemy URL.
     migrate : bool, default True
         Migrate the database to the present schema first.
+    search : {"auto", "memory", "database"}
+        Who searches: an index in memory, or PostgreSQL with pgvector. By default the index in memory, until it becomes
+        too large.
 
     Raises
     ------
@@ -71,12 +75,12 @@ class Library:
     ...     library.classify("unknown.ply")[0].label
     """
 
-    def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True) -> None:
+    def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True, search: SearchChoice = "auto") -> None:
         self.store = Store(url, migrate=migrate)
         self.shapes = Shapes(self.store)
         self.jobs = Jobs(self.store)
         self.keys = Keys(self.store)
-        self.search = Search(self.store)
+        self.search = Search(self.store, search)
 
     @property
     def url(self) -> str:
@@ -365,6 +369,9 @@ class Library:
         measure: str = DEFAULT_MEASURE,
         classifier: str = DEFAULT_CLASSIFIER,
         k: int = DEFAULT_K,
+        exact: bool = False,
+        label: str | None = None,
+        metadata: Mapping[str, Scalar] | None = None,
         parameters: ParametersLike = None,
         policy: PolicyLike = None,
     ) -> Ranking:
@@ -386,14 +393,20 @@ class Library:
             ones, the mean of the class, or linear discriminants.
         k : int
             Number of shapes to return, at most 100 for a measure of whole shapes; all classes are returned.
+        exact : bool, default False
+            Compare every shape, even if the database has an approximate index.
+        label : str, optional
+            Compare only shapes of this class.
+        metadata : mapping, optional
+            Compare only shapes whose metadata have these members, with these values: text, numbers, booleans or None.
         parameters, policy : optional
             As for `add`, for a query that is a mesh.
 
         Returns
         -------
         Ranking
-            Only shapes whose signatures were computed with the query's parameters take part. If there are none, a
-            warning says which parameters the shapes have.
+            `exact` says whether every shape was compared. Only shapes whose signatures were computed with the query's
+            parameters take part. If there are none, a warning says which parameters the shapes have.
 
         Raises
         ------
@@ -405,7 +418,7 @@ class Library:
         MeshError
             As by `read_mesh` and `compute_signature`.
         """
-        request = QueryRequest(measure, classifier, k)
+        request = QueryRequest(measure, classifier, k, exact, label, dict(metadata or {}))
         if isinstance(query, Signature):
             return self.search.rank(query, request)
         shape_id = shape_id_of(query)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from unbend.errors import ParameterError
 from unbend.names import MAX_TEXT
+
+Scalar = str | float | bool | None
+"""A value of metadata that a search can ask for."""
 
 MAX_METADATA_BYTES: Final = 2**15
 """Size limit of metadata as JSON in UTF-8."""
@@ -51,6 +54,24 @@ def check_metadata(value: object) -> None:
         raise ParameterError("metadata contains a value that JSON cannot represent") from None
     if len(text) > MAX_METADATA_BYTES:
         raise ParameterError(f"metadata has {len(text)} bytes as JSON, and may have {MAX_METADATA_BYTES}")
+
+
+def check_filter(metadata: object) -> None:
+    """Check the members of metadata that a search asks for.
+
+    Raises
+    ------
+    ParameterError
+        If it is not an object within the limits of metadata, or a value is an array or an object.
+    """
+    try:
+        check_metadata(metadata)
+    except ParameterError as error:
+        error.field = "metadata"
+        raise
+    for name, value in cast("dict[str, Any]", metadata).items():
+        if isinstance(value, dict | list | tuple):
+            raise ParameterError(f"a search cannot ask for the array or object {name[:100]!r}", field="metadata")
 
 
 def as_stored(metadata: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 from typing import Any, Final, Literal, Self, get_args
 
 from unbend.errors import ParameterError, check_choice
-from unbend.library.metadata import as_stored, check_changes
+from unbend.library.metadata import Scalar, as_stored, check_changes, check_filter
 from unbend.matching.classification import DEFAULT_CLASSIFIER, get_classifier
 from unbend.matching.measures import (
     DEFAULT_MEASURE,
@@ -115,14 +115,22 @@ class QueryRequest:
     ------
     ParameterError
         If there is no such measure or classifier, `k` is below 1, or above `MAX_PAIRS` for a measure of whole shapes,
-        or a measure of parts has another classifier than the default. `field` names the argument.
+        a measure of parts has another classifier than the default, or a value of `metadata` is an array or an object.
+        `field` names the argument.
     """
 
     measure: str = DEFAULT_MEASURE
     classifier: str = DEFAULT_CLASSIFIER
     k: int = DEFAULT_K
+    exact: bool = False
+    """Whether every shape is compared, even if the database has an approximate index."""
+    label: str | None = None
+    """Only shapes of this class, if given."""
+    metadata: Mapping[str, Scalar] = field(default_factory=dict)
+    """Only shapes whose metadata have these members, with these values."""
 
     def __post_init__(self) -> None:
+        check_filter(self.metadata)
         _check("measure", _check_ranking_measure, self.measure)
         _check("classifier", get_classifier, self.classifier)
         if self.part_measure and self.classifier != DEFAULT_CLASSIFIER:
@@ -157,7 +165,7 @@ class QueryRequest:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the request as JSON values."""
-        return dict(vars(self))
+        return {**vars(self), "metadata": dict(self.metadata)}
 
 
 @dataclass(frozen=True)

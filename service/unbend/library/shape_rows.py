@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Self
 
+import numpy as np
 from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
+from unbend.arrays import Floats
 from unbend.brief import assigned, brief, noted
 from unbend.errors import ChangedError, NotFoundError, ParameterError
 from unbend.library.metadata import read_metadata
@@ -30,6 +32,7 @@ from unbend.library.storage.schema import (
     signatures,
 )
 from unbend.library.stored_rankings import delete_unused_label
+from unbend.library.vector_rows import add_vectors
 from unbend.local.signatures import LOCAL_VERSION, LocalSignatures
 from unbend.results.jobs import UNFINISHED_STATES
 from unbend.results.rankings import ShapeMatch
@@ -208,7 +211,9 @@ def add_shape(connection: Connection, computed: ComputedShape, request: ShapeReq
     connection.execute(
         _ADD_SHAPE, {"id": shape_id, "signature_id": signature_id, "created_at": now, "updated_at": now, **described}
     )
-    return get_shape(connection, shape_id)
+    added = get_shape(connection, shape_id)
+    add_vectors(connection, added.seq, key.parameters, key.version, packed.vectors)
+    return added
 
 
 def update_known(connection: Connection, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
@@ -246,6 +251,13 @@ def get_signature(connection: Connection, shape_id: str) -> Signature:
         raise NotFoundError(f"no shape {shape_id}")
     vectors = connection.execute(_GET_DESCRIPTORS, {"signature_id": row.id})
     return unpack_signature(row.payload, {each.measure: each.vector for each in vectors})
+
+
+def get_descriptors(connection: Connection, seq: int) -> dict[str, Floats]:
+    """Return the descriptors of the shape at a place in the order of adding."""
+    signature_id = connection.scalar(select(shapes.c.signature_id).where(shapes.c.seq == seq))
+    rows = connection.execute(_GET_DESCRIPTORS, {"signature_id": signature_id})
+    return {row.measure: np.frombuffer(row.vector, "<f8") for row in rows}
 
 
 def get_boundaries(connection: Connection, seqs: Sequence[int]) -> list[float | None]:

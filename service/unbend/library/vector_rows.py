@@ -22,6 +22,7 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Engine,
+    Float,
     ForeignKey,
     Integer,
     MetaData,
@@ -113,7 +114,8 @@ vector_state = Table(
     vector_metadata,
     Column("id", Integer, primary_key=True),
     Column("complete", Boolean, nullable=False),
-    comment="One row: whether every shape has its vectors, so that a search finds all.",
+    Column("recall", Float),
+    comment="One row: whether every shape has its vectors, so that a search finds all; and the measured recall.",
 )
 
 _pg_index = table("pg_index", column("indexrelid"), column("indisvalid"))
@@ -214,6 +216,16 @@ def find_partition(connection: Connection, kind: VectorKind) -> Partition | None
     if kind.measure not in SEARCHED or not has_vectors(connection):
         return None
     return _find(connection, kind, is_complete=True)
+
+
+def set_recall(connection: Connection, recall: float) -> None:
+    """Store the measured recall of the search."""
+    connection.execute(update(vector_state).values(recall=recall))
+
+
+def get_recall(connection: Connection) -> float | None:
+    """Return the recall that was measured last; None if none was."""
+    return connection.scalar(select(vector_state.c.recall)) if has_vectors(connection) else None
 
 
 def add_vectors(

@@ -94,6 +94,8 @@ class Ranking:
     """Whether the query is near enough to the best class to belong to it; None if the class has a single member."""
     warnings: Sequence[str] = ()
     """Reasons why the ranking may be wrong, and what to do."""
+    exact: bool = True
+    """Whether every shape was compared. If not, an approximate index may have missed a near shape."""
 
     def __repr__(self) -> str:
         known = {True: "known", False: "unknown", None: ""}
@@ -117,6 +119,7 @@ class Ranking:
             [ShapeMatch.from_dict(match) for match in values["shapes"]],
             values["known"],
             tuple(values.get("warnings", ())),
+            values.get("exact", True),  # rankings of earlier versions were
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -127,6 +130,7 @@ class Ranking:
             "shapes": [match.as_dict() for match in self.shapes],
             "known": self.known,
             "warnings": list(self.warnings),
+            "exact": self.exact,
         }
 
 

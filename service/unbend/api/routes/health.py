@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
@@ -47,7 +49,11 @@ async def capacity(service: ServiceDependency) -> Capacity:
     """Return the numbers of running and queued jobs, of all servers and workers that share the library."""
     runner = service.runner
     workers, running = runner.capacity
-    return Capacity(workers=workers, running=running, queued=await runner.queued(), max_queued=runner.limits.queued)
+    search = await asyncio.to_thread(service.library.search.status)
+    return Capacity(
+        workers=workers, running=running, queued=await runner.queued(), max_queued=runner.limits.queued,
+        search=search.by, recall=search.recall,
+    )  # fmt: skip
 
 
 @router.get(

@@ -15,12 +15,14 @@ from starlette.datastructures import FormData, UploadFile
 from unbend.api.routes.jobs import MAX_WAIT_SECONDS, accepted
 from unbend.api.routes.senders import IdempotencyKey, key_of, sender_of
 from unbend.api.routes.unknown_fields import check_form
-from unbend.api.routes.uploads import read_upload
+from unbend.api.routes.uploads import parse_metadata, read_upload
 from unbend.api.schema.fields import (
+    EXACT,
     FILE,
     FILE_ENCODING,
     QUERY_CONDITIONS,
     ClassifierName,
+    FilterText,
     MeasureName,
     ParametersText,
     PolicyText,
@@ -35,6 +37,7 @@ from unbend.library.records import JobRecord
 from unbend.library.requests import QueryRequest
 from unbend.matching.classification import DEFAULT_CLASSIFIER
 from unbend.matching.measures import DEFAULT_MEASURE
+from unbend.names import MAX_TEXT
 from unbend.results.rankings import DEFAULT_K
 
 router = APIRouter(prefix="/queries", tags=["queries"])
@@ -52,6 +55,9 @@ class FileQuery(BaseModel):
         DEFAULT_CLASSIFIER, description="The rule that turns distances from shapes into distances from classes."
     )
     k: int = Field(DEFAULT_K, ge=1, le=1000, description="Number of shapes in the ranking. All classes are in it.")
+    exact: bool = Field(False, description=EXACT)
+    label: str | None = Field(None, min_length=1, max_length=MAX_TEXT, description="Only shapes of this class.")
+    metadata: FilterText = None
     parameters: ParametersText = None
     policy: PolicyText = None
     callback: str = Field("", max_length=2000, description="A URL that is called when the job ends.")
@@ -159,7 +165,8 @@ async def _disconnected(request: Request) -> None:
 def _request(given: ShapeQuery | FileQuery) -> QueryRequest:
     """Return the validated query; ParameterError names the field of the body."""
     try:
-        return QueryRequest(given.measure, given.classifier, given.k)
+        metadata = given.metadata if isinstance(given, ShapeQuery) else parse_metadata(given.metadata)
+        return QueryRequest(given.measure, given.classifier, given.k, given.exact, given.label, metadata or {})
     except ParameterError as error:
         error.field = f"body.{error.field}"
         raise

@@ -145,6 +145,22 @@ VectorMeasureName = Annotated[str, Field(json_schema_extra={"enum": list(VECTOR_
 
 ClassifierName = Annotated[str, Field(json_schema_extra={"enum": list(CLASSIFIERS)})]
 
+MetadataScalar = str | float | bool | None
+"""A value of metadata that a query can ask for."""
+
+EXACT: Final = "Compare every shape, even if the database has an approximate index."
+METADATA_FILTER: Final = "Only shapes whose metadata have these members, with these values."
+
+_FILTER: Final = {
+    "type": "object",
+    "description": METADATA_FILTER,
+    "additionalProperties": {"anyOf": [{"type": kind} for kind in ("string", "number", "boolean", "null")]},
+    "examples": _NO_EXAMPLE,
+}
+
+FilterText = Annotated[str | None, WithJsonSchema(_FILTER)]
+"""JSON text in a form, as `MetadataText`."""
+
 Whole = Annotated[int, BeforeValidator(as_whole)]
 """An integer in JSON, for strict models, which refuse text and booleans. 10.0 equals 10 (JSON Schema)."""
 

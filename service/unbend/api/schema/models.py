@@ -7,7 +7,16 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from unbend.api.schema.fields import QUERY_CONDITIONS, ClassifierName, Id, MeasureName, Whole
+from unbend.api.schema.fields import (
+    EXACT,
+    METADATA_FILTER,
+    QUERY_CONDITIONS,
+    ClassifierName,
+    Id,
+    MeasureName,
+    MetadataScalar,
+    Whole,
+)
 from unbend.correspondence.match import Turn
 from unbend.correspondence.pieces import Part as PieceOf
 from unbend.library.records import JobRecord
@@ -169,6 +178,9 @@ class Ranking(BaseModel):
         default_factory=list,  # rankings of earlier versions have none
         description=f"Warnings about the query. {_WARNINGS}",
     )
+    exact: bool = Field(
+        True, description="Whether every shape was compared. If not, an approximate index may have missed a near shape."
+    )
 
 
 class JobSummary(BaseModel):
@@ -233,6 +245,9 @@ class ShapeQuery(BaseModel):
     measure: MeasureName = DEFAULT_MEASURE
     classifier: ClassifierName = DEFAULT_CLASSIFIER
     k: Whole = Field(10, ge=1, le=1000)
+    exact: bool = Field(False, description=EXACT)
+    label: str | None = Field(None, min_length=1, max_length=MAX_TEXT, description="Only shapes of this class.")
+    metadata: dict[str, MetadataScalar] = Field(default_factory=dict, description=METADATA_FILTER)
 
 
 class Match(BaseModel):
@@ -378,6 +393,12 @@ class Capacity(BaseModel):
     running: int = Field(description="Number of claimed jobs, some of which wait for a worker.")
     queued: int
     max_queued: int
+    search: Literal["memory", "database"] = Field(
+        description="Who searches by the default measure: the exact index in memory, or the database."
+    )
+    recall: float | None = Field(
+        description="Share of the ten nearest shapes that the database finds, as `unbend index` measured it last."
+    )
 
 
 class Health(BaseModel):

@@ -11,6 +11,7 @@ from unbend.api.server.metrics import Metrics
 from unbend.api.server.scheduled_backups import ScheduledBackups
 from unbend.api.server.service import Service
 from unbend.api.server.settings import Settings
+from unbend.api.server.vector_upkeep import VectorUpkeep
 from unbend.api.server.wait_limit import WaitLimit
 from unbend.api.server.webhooks import Webhooks
 from unbend.jobs.observer import Observers
@@ -39,7 +40,7 @@ async def running_service(
         The lease of the library; by default acquired here, which raises StoreInUseError if another server has it.
     """
     own_lease = lease or Lease(settings.library)
-    library = Library(settings.library)
+    library = Library(settings.library, search=settings.search)
     if library.disk:
         library.disk.reserve(settings.reserve_bytes)
     runner = JobRunner(
@@ -53,7 +54,9 @@ async def running_service(
     webhooks = Webhooks(library.jobs, settings.webhook_plan) if settings.webhook_plan else None
     rates = SharedRateLimit(library.store, settings.requests_per_minute) if library.store.postgres else None
     await runner.start()
-    background = [each for each in (scheduled, webhooks) if each]
+    has_vectors = library.store.postgres and settings.search != "memory"
+    vectors = VectorUpkeep(library, settings.search) if has_vectors else None
+    background = [each for each in (scheduled, webhooks, vectors) if each]
     for each in background:
         each.start()
     try:

@@ -18,6 +18,7 @@ from unbend.api.server.logs import LogFormat
 from unbend.api.server.scheduled_backups import BackupPlan
 from unbend.api.server.webhooks import WebhookPlan, signing_key
 from unbend.jobs.limits import JobLimits
+from unbend.library.search import SearchChoice
 from unbend.library.storage.database import is_shared
 from unbend.mesh.limits import MeshLimits
 from unbend.names import DEFAULT_LIBRARY
@@ -63,6 +64,11 @@ class Settings(BaseSettings):
         ge=0,
         le=_MOST_WORKERS,
         description="Worker processes; one for each core by default. 0 if `unbend worker` runs the jobs elsewhere.",
+    )
+    search: SearchChoice = Field(
+        "auto",
+        description="Who searches: an index in memory, or PostgreSQL with pgvector. By default the index in memory, "
+        "until it becomes too large.",
     )
     local_signatures: bool = Field(
         True, description="Compute the local signatures of uploads, by which pieces are recognised."
@@ -150,6 +156,13 @@ class Settings(BaseSettings):
         if value == 0 and not is_shared(info.data.get("library", DEFAULT_LIBRARY)):
             reason = "should be at least 1, because no other process runs the jobs of a library in SQLite"
             raise PydanticCustomError("contradiction", reason)
+        return value
+
+    @field_validator("search")
+    @classmethod
+    def _check_search(cls, value: SearchChoice, info: ValidationInfo) -> SearchChoice:
+        if value == "database" and not is_shared(info.data.get("library", DEFAULT_LIBRARY)):
+            raise ValueError("should be auto or memory, because only PostgreSQL searches")
         return value
 
     @field_validator("job_memory_mb")

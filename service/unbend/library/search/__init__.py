@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final, Literal, get_args
 
-from unbend.errors import UnsuitedError
-from unbend.library import shape_rows
+from sqlalchemy import Connection
+
+from unbend.errors import UnsuitedError, check_choice
+from unbend.library import shape_rows, vector_rows
 from unbend.library.requests import QueryRequest
 from unbend.library.search.incomparable import ADVICE, none_compares, why_none_compares
 from unbend.library.search.index import IndexKey, SearchIndex
+from unbend.library.search.nearest import SearchChoice, choose_partition
+from unbend.library.search.nearest_classes import SampledClasses
 from unbend.library.search.overview import MapOptions, evaluation_of, map_of, select
 from unbend.library.search.parts import PartIndex, rank_parts
-from unbend.library.search.ranking import rank
+from unbend.library.search.ranking import Ranker
+from unbend.library.search.recall import measure_recall
 from unbend.library.storage.store import Store
-from unbend.matching.measures import VectorMeasure, get_vector_measure
+from unbend.library.storage.transactions import as_store_error
+from unbend.library.vector_rows import VectorKind
+from unbend.matching.measures import DEFAULT_MEASURE, VectorMeasure, get_vector_measure
 from unbend.matching.measures.vectors import SURFACE_MOMENTS
 from unbend.results.evaluations import EvaluationResult
 from unbend.results.maps import ShapeMap
@@ -21,16 +30,39 @@ from unbend.results.rankings import Ranking
 from unbend.signature.parameters import Parameters
 from unbend.signature.signature import ALGORITHM_VERSION, Signature
 
-__all__ = ["MapOptions", "Search"]
+__all__ = ["MapOptions", "Search", "SearchChoice"]
+
+
+_DEFAULT_KIND: Final = VectorKind(get_vector_measure(DEFAULT_MEASURE), Parameters().to_json(), ALGORITHM_VERSION)
+
+
+@dataclass(frozen=True)
+class SearchStatus:
+    """Who searches, and how well."""
+
+    by: Literal["memory", "database"]
+    recall: float | None
+    """Share of the ten nearest shapes that the database finds, as measured last; None for the exact index in memory."""
 
 
 class Search:
-    """Search among the shapes of a store, with an index in memory; thread-safe."""
+    """Search among the shapes of a store; thread-safe.
 
-    def __init__(self, store: Store) -> None:
+    Parameters
+    ----------
+    store : Store
+    choice : {"auto", "memory", "database"}
+        Who searches: an index in memory, or the database if it has vectors (`vector_rows`). By default the index in
+        memory, until it becomes too large.
+    """
+
+    def __init__(self, store: Store, choice: SearchChoice = "auto") -> None:
+        check_choice("search", choice, get_args(SearchChoice))
         self._store = store
         self._index = SearchIndex()
         self._parts = PartIndex()
+        self._choice: SearchChoice = choice
+        self._ranker = Ranker(store, self._index, SampledClasses(), choice)
 
     def rank(self, query: Signature | str, request: QueryRequest) -> Ranking:
         """Rank classes and shapes by their distance from `query`: a signature, or the id of a stored shape.
@@ -48,7 +80,45 @@ class Search:
         """
         if request.part_measure:
             return rank_parts(self._store, self._parts, query, request)
-        return rank(self._store, self._index, query, request)
+        return self._ranker.rank(query, request)
+
+    def prepare_vectors(self) -> None:
+        """Make the vectors by which PostgreSQL searches, add missing ones, and build missing indexes.
+
+        Do nothing if another process builds indexes. This takes minutes for a large library, and others may use the
+        library meanwhile.
+
+        Raises
+        ------
+        VectorsMissingError
+            If the database cannot have vectors.
+        """
+        self._store.change(vector_rows.create_vectors)
+        with as_store_error():
+            vector_rows.fill(self._store.engine)
+            vector_rows.build_indexes(self._store.engine)
+
+    def measure_recall(self) -> float:
+        """Measure and store the recall at ten of the search by the database, among shapes of default parameters.
+
+        It is 1 if there are too few shapes for an index.
+        """
+        with self._store.read() as connection:
+            partition = vector_rows.find_partition(connection, _DEFAULT_KIND)
+            recall = measure_recall(connection, partition) if partition else 1.0
+        self._store.change(partial(vector_rows.set_recall, recall=recall))
+        return recall
+
+    def status(self) -> SearchStatus:
+        """Return who searches among shapes of default parameters, and the recall measured last."""
+
+        def load(connection: Connection) -> SearchStatus:
+            partition = choose_partition(connection, _DEFAULT_KIND, self._choice)
+            if partition is None:
+                return SearchStatus("memory", None)
+            return SearchStatus("database", vector_rows.get_recall(connection))
+
+        return self._store.load(load)
 
     def evaluation(self, measure: str, parameters: Parameters | None = None) -> EvaluationResult:
         """Evaluate retrieval among the labelled shapes computed with `parameters`.

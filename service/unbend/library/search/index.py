@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
@@ -65,6 +65,18 @@ class Snapshot:
     def without(self, row: int) -> Self:
         """Return a snapshot that excludes one more row."""
         return replace(self, excluded=np.union1d(self.excluded, row))
+
+    def only(self, seqs: Collection[int]) -> Self:
+        """Return a snapshot of the shapes at these places in the order of adding."""
+        kept = np.isin(self.seqs, np.fromiter(seqs, np.int64, len(seqs)))
+        kept[self.excluded] = False
+        gallery = self.gallery
+        return replace(
+            self,
+            gallery=Gallery(gallery.vectors[kept], gallery.codes[kept], gallery.labels),
+            seqs=self.seqs[kept],
+            excluded=np.empty(0, np.int64),
+        )
 
     def distances(self, query: Singles, measure: VectorMeasure) -> Floats:
         """Return the distance from `query` (d,) to each row, (n,); infinite for excluded rows."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from unbend.arrays import Floats, Indices
 from unbend.errors import NotFoundError, ParameterError
 from unbend.library import shape_rows
 from unbend.library.requests import QueryRequest
+from unbend.library.search.filters import filter_of, kept_seqs
 from unbend.library.search.incomparable import none_compares, why_none_compares
 from unbend.library.storage.schema import library_state, local_signatures, shapes, signatures
 from unbend.library.storage.store import Store
@@ -39,12 +40,15 @@ class PartGallery:
     missing: int
     """Shapes without local signatures."""
 
-    def only(self, parameters: str, without: int) -> PartGallery:
-        """Return the shapes computed with these parameters, except the one at the place `without`."""
+    def only(self, parameters: str, without: int, among: Collection[int] | None) -> PartGallery:
+        """Return the shapes computed with these parameters, except the one at the place `without`.
+
+        If `among` is given, only shapes at those places are returned.
+        """
         kept = [
             row
             for row, (seq, found) in enumerate(zip(self.seqs, self.parameters, strict=True))
-            if found == parameters and seq != without
+            if found == parameters and seq != without and (among is None or seq in among)
         ]
         return PartGallery(
             tuple(self.seqs[row] for row in kept), tuple(self.labels[row] for row in kept),
@@ -107,7 +111,7 @@ def rank_parts(store: Store, index: PartIndex, query: Signature | str, request: 
     with store.read() as connection:
         whole = index.gallery(connection)
         local, seq, parameters, warnings = _query_of(connection, query)
-        gallery = whole.only(parameters, seq)
+        gallery = whole.only(parameters, seq, kept_seqs(connection, filter_of(request)))
         if whole.seqs and not gallery.seqs:
             warnings = (*warnings, *none_compares(why_none_compares(connection, parameters, ALGORITHM_VERSION, seq)))
 

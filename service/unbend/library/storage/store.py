@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
-from sqlalchemy import Connection
+from sqlalchemy import Connection, Engine
 
 from unbend.errors import StoreError, StoreFullError
 from unbend.library.storage import postgres
@@ -67,6 +67,11 @@ class Store:
     def is_closed(self) -> bool:
         """Whether the store was closed."""
         return self._is_closed
+
+    @property
+    def engine(self) -> Engine:
+        """The engine of the database, for long work outside the writer, such as the build of an index."""
+        return self._engine
 
     @property
     def postgres(self) -> Mapping[str, Any] | None:

@@ -27,6 +27,7 @@ from unbend.api.routes.unknown_fields import no_other_parameters
 from unbend.api.schema import problems
 from unbend.api.schema.openapi import install_schema
 from unbend.api.server.metrics import Metrics
+from unbend.api.server.opening import open_library
 from unbend.api.server.scheduled_backups import ScheduledBackups
 from unbend.api.server.service import Service
 from unbend.api.server.settings import Settings
@@ -34,7 +35,6 @@ from unbend.api.server.wait_limit import WaitLimit
 from unbend.api.server.webhooks import Webhooks
 from unbend.jobs.observer import Observers
 from unbend.jobs.runner import JobRunner
-from unbend.library import Library
 from unbend.library.storage.lease import Lease
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         own_lease = lease or Lease(chosen.library)
-        library = Library(chosen.library)
+        library = open_library(chosen)
         if library.disk:
             library.disk.reserve(chosen.reserve_bytes)
         runner = JobRunner(

@@ -32,6 +32,7 @@ _REFUSALS: Final = (DataError, IntegrityError, ProgrammingError)
 
 _NEW: Final = "Name a new, empty database."
 _CHANGED: Final = "Stop what writes to it, and run the same command again."
+_CHECK: Final = "Check the addresses of the source and the target."
 _AGAIN: Final = "Run the same command again: it goes on where it was."
 
 
@@ -101,12 +102,12 @@ def move_library(
     StoreError
         If one of the databases cannot be used, or the source changed meanwhile.
     """
-    with as_store_error(), opened_source(source) as given:
+    with _explained(_CHECK), opened_source(source) as given:
         origin = _fingerprint(given.connection)
         state = inspect_target(target, origin.epoch)
         if state == "new" and given.path:
             _verify(given.path)
-        with opened_target(target) as taken, _explained():
+        with opened_target(target) as taken, _explained(_AGAIN):
             copy = _Copy(given.connection, taken.connection, progress, batch_bytes)
             if state == "full":
                 return _compared(copy, shown_url(target))
@@ -284,12 +285,12 @@ def _finish(target: Connection, origin: _Fingerprint, counters: Mapping[str, int
 
 
 @contextmanager
-def _explained() -> Iterator[None]:
-    """Replace the errors of databases by StoreError, and say that the move can go on."""
+def _explained(advice: str) -> Iterator[None]:
+    """Replace the errors of databases by StoreError, and give advice on those that have none."""
     try:
         with as_store_error():
             yield
     except StoreError as error:
         if not error.advice:
-            error.with_advice(_AGAIN)
+            error.with_advice(advice)
         raise

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -54,6 +55,7 @@ def create_schema(path: Path, revision: str) -> None:
         engine.dispose()
 
 
+@cache
 def revisions() -> frozenset[str]:
     """Return the revisions of the schema that this version knows."""
     return frozenset(script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions())
@@ -179,4 +181,5 @@ def opening(address: URL) -> Iterator[None]:
         raise StoreVersionError("the library was made by a later version of unbend") from error
     except (DBAPIError, sqlite3.Error) as error:  # sqlite3.Error: from `sqlite`
         place, why = address.render_as_string(hide_password=True), getattr(error, "orig", error)
-        raise StoreError(f"the library at {place} cannot be opened: {why}") from error
+        said = " ".join(str(why).split())  # PostgreSQL may say several lines
+        raise StoreError(f"the library at {place} cannot be opened: {said}") from error

@@ -44,6 +44,7 @@
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
     ├── ExtraMissingError         a package of an extra is not installed
+    ├── ResultsError              results that were computed elsewhere cannot be used
     ├── IdempotencyError          a different request had the same idempotency key
     └── ServiceError              the service did not respond, or responded with an unknown error
 
@@ -157,6 +158,17 @@ class StoreError(UnbendError):
     """The store of the library fails."""
 
     code = "store"
+
+
+class StoreUnavailableError(StoreError):
+    """The database of the library does not answer now; retry after `retry_after` seconds."""
+
+    code = "store_unavailable"
+    advice = "Try again in a few seconds; if it lasts, check the database and the network."
+
+    def __init__(self, message: str, retry_after: int = 2) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
 
 
 class NotFoundError(StoreError, LookupError):
@@ -397,6 +409,13 @@ class ExtraMissingError(UnbendError, ImportError):
 
     code = "extra_missing"
     advice = "Install the extra that the message names."
+
+
+class ResultsError(UnbendError, ValueError):
+    """Results that were computed elsewhere are damaged, or are of another version of the algorithm."""
+
+    code = "results"
+    advice = "Compute the results again with this version of unbend."
 
 
 class IdempotencyError(UnbendError, ValueError):

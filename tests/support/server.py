@@ -111,12 +111,20 @@ def without_settings(**settings: str) -> dict[str, str]:
 
 
 class Server:
-    """`unbend serve` on this machine, by default on a free port and ready after its construction."""
+    """`unbend serve` on this machine, by default on a free port and ready after its construction.
+
+    Without the URL of a `library`, it has its own in `folder`.
+    """
+
+    command = "serve"
+    prefix = "/v1"
+    """The path of the probes."""
 
     def __init__(
         self,
         folder: Path,
         *,
+        library: str | None = None,
         workers: int = 2,
         ready: bool = True,
         host: str = "127.0.0.1",
@@ -142,13 +150,13 @@ class Server:
             sys.executable,
             "-m",
             "unbend",
-            "serve",
+            self.command,
             "--port",
             str(port),
             "--host",
             host,
             "--library",
-            str(self.library),
+            library or str(self.library),
         ]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
@@ -202,7 +210,9 @@ class Server:
         return self._wait_for(find, "start")
 
     def _until_ready(self) -> None:
-        self._wait_for(lambda: httpx.get(f"{self.url}/v1/readyz", timeout=60.0).is_success or None, "become ready")
+        self._wait_for(
+            lambda: httpx.get(f"{self.url}{self.prefix}/readyz", timeout=60.0).is_success or None, "become ready"
+        )
 
     def _wait_for(self, find: Callable[[], T | None], purpose: str) -> T:
         """Poll while the server and its workers use CPU time, because a busy machine slows them down."""
@@ -218,6 +228,13 @@ class Server:
                 break
             time.sleep(0.05)
         raise RuntimeError(f"the server did not {purpose}:\n{self.log.read_text()}")
+
+
+class Worker(Server):
+    """`unbend worker` on this machine, ready after its construction."""
+
+    command = "worker"
+    prefix = ""
 
 
 def post_mesh(http: httpx.Client, data: bytes, *, file_name: str = "mesh.ply", **fields: str) -> httpx.Response:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Final
@@ -27,14 +26,8 @@ from unbend.api.routes.unknown_fields import no_other_parameters
 from unbend.api.schema import problems
 from unbend.api.schema.openapi import install_schema
 from unbend.api.server.metrics import Metrics
-from unbend.api.server.opening import open_library
-from unbend.api.server.scheduled_backups import ScheduledBackups
-from unbend.api.server.service import Service
+from unbend.api.server.running import open_traces, running_service
 from unbend.api.server.settings import Settings
-from unbend.api.server.wait_limit import WaitLimit
-from unbend.api.server.webhooks import Webhooks
-from unbend.jobs.observer import Observers
-from unbend.jobs.runner import JobRunner
 from unbend.library.storage.lease import Lease
 
 if TYPE_CHECKING:
@@ -70,36 +63,13 @@ def create_app(settings: Settings | None = None, lease: Lease | None = None) -> 
         The lease of the library; by default acquired at startup, which raises StoreInUseError if another server has it.
     """
     chosen = settings or Settings()
-    metrics = Metrics()
-    traces = _open_traces(chosen.traces)
-    observer = Observers(metrics, traces) if traces else metrics
+    metrics, traces = Metrics(), open_traces(chosen.traces)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        own_lease = lease or Lease(chosen.library)
-        library = open_library(chosen)
-        if library.disk:
-            library.disk.reserve(chosen.reserve_bytes)
-        runner = JobRunner(
-            library, workers=chosen.workers, limits=chosen.limits, observer=observer, with_parts=chosen.local_signatures
-        )
-        app.state.service = Service(chosen, library, runner, metrics, WaitLimit(chosen.max_waiting))
-        scheduled = ScheduledBackups(library, chosen.backup_plan, metrics) if chosen.backup_plan else None
-        webhooks = Webhooks(library.jobs, chosen.webhook_plan) if chosen.webhook_plan else None
-        await runner.start()
-        background = [each for each in (scheduled, webhooks) if each]
-        for each in background:
-            each.start()
-        try:
+        async with running_service(chosen, metrics, traces, lease) as service:
+            app.state.service = service
             yield
-        finally:
-            for each in background:
-                await each.stop()
-            await runner.stop()
-            library.close()
-            own_lease.close()
-            if traces:
-                await asyncio.to_thread(traces.close)
 
     app = FastAPIOffline(
         title="unbend", version=__version__, description=_DESCRIPTION, lifespan=lifespan, static_url=ASSETS,
@@ -139,11 +109,3 @@ def _add_middleware(app: FastAPI, settings: Settings, metrics: Metrics, traces: 
     app.add_middleware(RequestLogging, metrics=metrics)
     if settings.root_path:
         app.add_middleware(Prefix, prefix=settings.root_path)
-
-
-def _open_traces(endpoint: str) -> Traces | None:
-    if not endpoint:
-        return None
-    from unbend.api.server.traces import Traces  # noqa: PLC0415  packages of an extra
-
-    return Traces(endpoint)

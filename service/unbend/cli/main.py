@@ -10,6 +10,7 @@ from unbend import __version__
 from unbend.cli.backup import backup, restore
 from unbend.cli.compare import compare
 from unbend.cli.complete import complete
+from unbend.cli.compute import compute
 from unbend.cli.demo import demo
 from unbend.cli.evaluate import evaluate
 from unbend.cli.export import export
@@ -30,6 +31,7 @@ from unbend.cli.show import show
 from unbend.cli.signature import signature
 from unbend.cli.symmetry import symmetry
 from unbend.cli.transfer import transfer
+from unbend.cli.worker import worker
 
 # Set before NumPy is loaded. unbend uses all cores with its own threads and processes. OpenBLAS' threads would slow
 # them down, because they spin while they wait, and unbend's matrices are too small to gain from them.
@@ -51,7 +53,8 @@ def main() -> None:
 
 
 for command in (
-    serve, signature, flatten, show, compare, match, transfer, symmetry, import_folder, export, list_shapes, label,
-    remove, query, evaluate, jobs, complete, backup, restore, migrate, migrate_library, keys, openapi, demo,
+    serve, signature, flatten, show, compare, match, transfer, symmetry, compute, import_folder, export, list_shapes,
+    label, remove, query, evaluate, jobs, complete, backup, restore, migrate, migrate_library,
+    keys, openapi, demo, worker,
 ):  # fmt: skip
     main.add_command(command)

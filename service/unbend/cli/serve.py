@@ -25,18 +25,13 @@ _SHUTDOWN_SECONDS = 5  # time for open requests when the server stops
 _BACKLOG = 2048  # uvicorn's default
 _GARBAGE = 10_000  # net new objects before a garbage collection: a request creates hundreds
 
-
-@click.command()
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address or name to listen at.")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=8000, show_default=True, help="Port; 0 for any free one."
+workers_option = click.option(
+    "--workers",
+    metavar="N",
+    type=click.IntRange(0, 256),
+    help="Worker processes; one for each core by default. 0 if `unbend worker` runs the jobs elsewhere.",
 )
-@library_option
-@click.option(
-    "--workers", metavar="N", type=click.IntRange(1, 256), help="Worker processes; one for each core by default."
-)
-@click.option("--open", is_flag=True, help="Serve everybody as long as the library has no keys.")
-@click.option(
+config_option = click.option(
     "--config",
     "file",
     metavar="FILE",
@@ -45,6 +40,17 @@ _GARBAGE = 10_000  # net new objects before a garbage collection: a request crea
     show_envvar=True,
     help="Settings, in TOML.",
 )
+
+
+@click.command()
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address or name to listen at.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=8000, show_default=True, help="Port; 0 for any free one."
+)
+@library_option
+@workers_option
+@click.option("--open", is_flag=True, help="Serve everybody as long as the library has no keys.")
+@config_option
 @click.pass_context
 def serve(context: click.Context, /, host: str, port: int, file: Path | None, **_: object) -> None:
     """Start the web service.
@@ -66,7 +72,7 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
     from unbend.library.storage.database import shown_url  # noqa: PLC0415
     from unbend.library.storage.lease import Lease  # noqa: PLC0415
 
-    settings = read_settings(_given(context), file)
+    settings = read_settings(given_settings(context), file)
     # In this order: a server that cannot listen opens no library, and a server without the lease changes no library.
     stack = contextlib.ExitStack()
     context.call_on_close(stack.close)
@@ -107,12 +113,12 @@ def _must_be_safe(settings: Settings, host: str) -> None:
             raise ExposedError(f"{host} is public, and the library has no keys")
 
 
-def _given(context: click.Context) -> dict[str, Any]:
+def given_settings(context: click.Context) -> dict[str, Any]:
     """Return the settings from options; `read_settings` reads the environment."""
     return {
         name: context.params[name]
         for name in ("library", "workers", "open")
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if name in context.params and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }
 
 

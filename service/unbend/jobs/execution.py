@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Final, TypeVar
 
-from unbend.errors import NotFoundError, StoreError, WorkerLostError
+from unbend.errors import NotFoundError, StoreError, StoreUnavailableError, WorkerLostError
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import CURRENT_JOB, JobObserver
@@ -92,13 +92,13 @@ class Execution:
         except WorkerLostError as error:
             if job.attempts < self._limits.attempts:
                 logger.warning("the job lost its process, attempt %d", job.attempts)
-                await self.retry(partial(self._jobs.requeue, job, "worker lost"))
+                await self.retry(partial(self._jobs.requeue, job, "process lost"))
                 self._subscriptions.notify_state(job.id)
                 return
             ended = await self._fail(job, error)
-        except StoreError as error:
-            if type(error) is StoreError and job.restarts < self._limits.restarts:  # the store failed, not the job
-                logger.warning("the store cannot be used, and the job returns to the queue: %s", error)
+        except StoreUnavailableError as error:
+            if job.restarts < self._limits.restarts:
+                logger.warning("the job returns to the queue: %s", error)
                 await asyncio.sleep(RETRY_SECONDS)
                 await self.retry(partial(self._jobs.requeue, job, "server lost"))
                 return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -81,14 +82,14 @@ class Jobs:
         StoreFullError
             If the disk has no space for the file.
         """
-        key, job_id = upload.key, job_rows.new_id()  # hashed here, not in the writer's thread
+        key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
         def submit(connection: Connection) -> NewJob | JobRecord | AddedShape:
-            if earlier := _find_sent(connection, job_id, sender):
+            if earlier := _find_sent(connection, attempts, sender):
                 return earlier
             if known := shape_rows.find_shape(connection, key):
                 return shape_rows.update_known(connection, known, request)
-            return self._enqueue(connection, job_id, key, upload, request, sender, limits)
+            return self._enqueue(connection, attempts.job_id, key, upload, request, sender, limits)
 
         return self._store.submit(submit)
 
@@ -96,11 +97,11 @@ class Jobs:
         self, upload: Upload, request: QueryRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord]:
         """Queue a query, or return the earlier job of a repeated request; raises as `submit_shape` does."""
-        key, job_id = upload.key, job_rows.new_id()  # hashed here, not in the writer's thread
+        key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
         def submit(connection: Connection) -> NewJob | JobRecord:
-            earlier = _find_sent(connection, job_id, sender)
-            return earlier or self._enqueue(connection, job_id, key, upload, request, sender, limits)
+            earlier = _find_sent(connection, attempts, sender)
+            return earlier or self._enqueue(connection, attempts.job_id, key, upload, request, sender, limits)
 
         return self._store.submit(submit)
 
@@ -120,17 +121,17 @@ class Jobs:
         QuotaError
             If the sender has `limits.owned` queued and running jobs already.
         """
-        key, job_id = UploadKey.of(shape.sha256, shape.parameters, shape.policy), job_rows.new_id()
+        key, attempts = UploadKey.of(shape.sha256, shape.parameters, shape.policy), _Attempts()
 
         def submit(connection: Connection) -> NewJob | JobRecord:
-            if earlier := _find_sent(connection, job_id, sender):
+            if earlier := _find_sent(connection, attempts, sender):
                 return earlier
             shape_rows.get_shape(connection, shape.id)
             _check_queue(connection, sender, limits)
             return NewJob(
                 job_rows.enqueue(
                     connection,
-                    job_id=job_id,
+                    job_id=attempts.job_id,
                     key=key,
                     file_type=shape.file_type,
                     request=request,
@@ -165,7 +166,14 @@ class Jobs:
 
     def claim(self, ticket: int | None = None) -> Future[JobRecord | None]:
         """Start the next job and return it; None if no queued job can start."""
-        return self._store.submit(partial(job_rows.claim, ticket=ticket))
+        runs = itertools.count()
+
+        def claim(connection: Connection) -> JobRecord | None:
+            if next(runs) and ticket is not None and (job := job_rows.claimed(connection, ticket)):
+                return job  # an earlier run of this change was committed, but its connection was lost
+            return job_rows.claim(connection, ticket)
+
+        return self._store.submit(claim)
 
     def requeue(self, job: JobRecord, cause: Cause) -> Future[None]:
         """Return a running job to its old place in the queue."""
@@ -202,7 +210,7 @@ class Jobs:
             if job is None or not job_rows.is_current(connection, job):
                 return None
             if job.restarts < restarts:
-                job_rows.requeue(connection, job, cause="server lost")
+                job_rows.requeue(connection, job, cause="worker lost")
                 return None
             return job_rows.finish(connection, job.id, "failed", error=dict(error))
 
@@ -322,9 +330,13 @@ class Jobs:
         """Return the jobs that are running in the store."""
         return await self._store.fetch(job_rows.running_jobs)
 
-    async def due_callbacks(self, limit: int) -> list[JobRecord]:
-        """Return ended jobs whose webhooks are due, the longest due first."""
-        return await self._store.fetch(partial(job_rows.due_callbacks, now=datetime.now(UTC), limit=limit))
+    async def take_callbacks(self, limit: int, lease: timedelta) -> list[JobRecord]:
+        """Return ended jobs whose webhooks are due, the longest due first; no other server takes them for `lease`."""
+        now = datetime.now(UTC)
+        if not await self._store.fetch(partial(job_rows.has_due_callback, now=now)):
+            return []  # without a write, which would wait for the disk
+        take = partial(job_rows.take_callbacks, now=now, until=now + lease, limit=limit)
+        return await asyncio.wrap_future(self._store.submit(take))
 
     async def page(self, conditions: JobFilter, *, cursor: str | None, limit: int) -> tuple[JobPage, Mapping[str, int]]:
         """Return what `read_page` returns."""
@@ -350,7 +362,7 @@ class Jobs:
 def _check_queue(connection: Connection, sender: Sender, limits: QueueLimits) -> None:
     waiting = job_rows.count_queued(connection)
     if waiting >= limits.queued:
-        pause = max(1, waiting // (_CLAIMS_A_SECOND * limits.workers))
+        pause = max(1, waiting // (_CLAIMS_A_SECOND * max(1, limits.workers)))
         raise QueueFullError(f"{waiting} jobs wait already", retry_after=pause)
     if limits.owned is None or not sender.owner:
         return
@@ -359,9 +371,21 @@ def _check_queue(connection: Connection, sender: Sender, limits: QueueLimits) ->
         raise QuotaError(f"{limits.owned} jobs of this key wait or run already, as many as the key may have")
 
 
-def _find_sent(connection: Connection, job_id: str, sender: Sender) -> JobRecord | NewJob | None:
+class _Attempts:
+    """The runs of a submission. All add the same job, because an earlier run may have been committed."""
+
+    def __init__(self) -> None:
+        self.job_id = job_rows.new_id()
+        self._runs = itertools.count()
+
+    def find_job(self, connection: Connection) -> JobRecord | None:
+        """Return the job that an earlier run has added; begins the next run."""
+        return job_rows.find_job(connection, self.job_id) if next(self._runs) else None
+
+
+def _find_sent(connection: Connection, attempts: _Attempts, sender: Sender) -> JobRecord | NewJob | None:
     """Return the job of an earlier run of this change, or of an earlier request with the same idempotency key."""
-    if sent := job_rows.find_job(connection, job_id):
+    if sent := attempts.find_job(connection):
         return NewJob(sent)
     if not sender.idempotency:
         return None

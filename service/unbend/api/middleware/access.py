@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from dataclasses import dataclass
 from typing import Final, cast
@@ -74,7 +75,7 @@ class Access:
         caller = await self._caller(scope, headers)
         scope[CALLER] = caller.name
         scope[KEY] = caller.key if caller.needs_key else None
-        if wait := self._rate.take(caller.address if caller.name in {"open", "none"} else caller.name):
+        if wait := await self._take(scope, caller.address if caller.name in {"open", "none"} else caller.name):
             raise RateLimitError(f"more than {self._settings.requests_per_minute} requests a minute", wait)
         needed = scope_of(scope["method"], scope["path"])
         if not caller.needs_key:
@@ -87,6 +88,12 @@ class Access:
             raise KeyRequiredError("this request needs an API key")
         elif needed == "write" and caller.key.scope == "read":
             raise ScopeError("this key may only read")
+
+    async def _take(self, scope: Scope, caller: str) -> int:
+        service = cast("Service", scope["app"].state.service)
+        if service.shared_rates and self._settings.requests_per_minute:
+            return await asyncio.to_thread(service.shared_rates.take, caller)
+        return self._rate.take(caller)
 
     async def _caller(self, scope: Scope, headers: Headers) -> Caller:
         service = cast("Service", scope["app"].state.service)

@@ -53,6 +53,15 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
 """HTTP status of each error class; subclasses inherit it."""
 
 
+_PASSING: Final = (
+    errors.BusyError,
+    errors.QueueFullError,
+    errors.QuotaError,
+    errors.RateLimitError,
+    errors.StoreUnavailableError,
+)
+"""Errors that pass: their responses say when to try again."""
+
 CHALLENGES: Final[dict[type[errors.UnbendError], str]] = {
     errors.KeyRequiredError: 'Bearer realm="unbend"',
     errors.KeyInvalidError: 'Bearer realm="unbend", error="invalid_token"',
@@ -183,7 +192,7 @@ def of_error(error: errors.UnbendError) -> Problem:
 
 def headers_of(error: errors.UnbendError) -> dict[str, str] | None:
     """Return the headers of the response for an error."""
-    if isinstance(error, errors.BusyError | errors.QueueFullError | errors.QuotaError | errors.RateLimitError):
+    if isinstance(error, _PASSING):
         return {"Retry-After": str(error.retry_after)}
     challenge = CHALLENGES.get(type(error))
     return {"WWW-Authenticate": challenge} if challenge else None

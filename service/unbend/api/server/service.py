@@ -14,6 +14,7 @@ from unbend.api.server.settings import Settings
 from unbend.api.server.wait_limit import WaitLimit
 from unbend.jobs.runner import JobRunner
 from unbend.library import Library
+from unbend.library.request_rates import SharedRateLimit
 
 _PICTURE_BYTES: Final = 2**26
 
@@ -27,6 +28,8 @@ class Service:
     runner: JobRunner
     metrics: Metrics
     waits: WaitLimit
+    shared_rates: SharedRateLimit | None = None
+    """The buckets of callers that all servers of a cluster share; None in a library with one server."""
     backing_up: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Locked while a request makes a backup."""
     pictures: ByteCache = field(default_factory=lambda: ByteCache(_PICTURE_BYTES))

@@ -18,6 +18,7 @@ from unbend.api.server.logs import LogFormat
 from unbend.api.server.scheduled_backups import BackupPlan
 from unbend.api.server.webhooks import WebhookPlan, signing_key
 from unbend.jobs.limits import JobLimits
+from unbend.library.storage.database import is_shared
 from unbend.mesh.limits import MeshLimits
 from unbend.names import DEFAULT_LIBRARY
 from unbend.threads import available_cores
@@ -60,9 +61,9 @@ class Settings(BaseSettings):
     migrate: bool = Field(True, description="Migrate a library of an older schema; otherwise refuse it.")
     workers: int = Field(
         default_factory=lambda: min(available_cores(), _MOST_WORKERS),
-        ge=1,
+        ge=0,
         le=_MOST_WORKERS,
-        description="Worker processes; one for each core by default.",
+        description="Worker processes; one for each core by default. 0 if `unbend worker` runs the jobs elsewhere.",
     )
     local_signatures: bool = Field(
         True, description="Compute the local signatures of uploads, by which pieces are recognised."
@@ -144,6 +145,14 @@ class Settings(BaseSettings):
         "", description="Origins of websites whose pages may call the service, separated by commas."
     )
 
+    @field_validator("workers")
+    @classmethod
+    def _check_workers(cls, value: int, info: ValidationInfo) -> int:
+        if value == 0 and not is_shared(info.data.get("library", DEFAULT_LIBRARY)):
+            reason = "should be at least 1, because no other process runs the jobs of a library in SQLite"
+            raise PydanticCustomError("contradiction", reason)
+        return value
+
     @field_validator("job_memory_mb")
     @classmethod
     def _check_memory(cls, value: int, info: ValidationInfo) -> int:
@@ -200,7 +209,9 @@ class Settings(BaseSettings):
 
     @field_validator("backup_folder")
     @classmethod
-    def _check_folder(cls, value: str) -> str:
+    def _check_folder(cls, value: str, info: ValidationInfo) -> str:
+        if value and is_shared(info.data.get("library", DEFAULT_LIBRARY)):
+            raise ValueError("should be empty, because pg_dump makes the backups of a library in PostgreSQL")
         if value and not Path(value).is_dir():
             raise ValueError(f"there is no folder {value}")
         return value

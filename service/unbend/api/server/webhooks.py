@@ -33,6 +33,8 @@ _FIRST_SECONDS: Final = 2.0
 _LONGEST_SECONDS: Final = 3600.0
 _TIMEOUT: Final = httpx.Timeout(10.0)
 _AT_A_TIME: Final = 8
+_LEASE: Final = timedelta(minutes=1)
+"""Time after which the webhook of a server that died is called by another; far above `_TIMEOUT`."""
 _MOST_URL: Final = 2000
 _BASE64_PREFIX: Final = "whsec_"
 
@@ -98,7 +100,7 @@ class Webhooks:
         async with httpx.AsyncClient(timeout=_TIMEOUT, follow_redirects=False, trust_env=False) as http:
             while True:
                 try:
-                    due = await self._jobs.due_callbacks(_AT_A_TIME)
+                    due = await self._jobs.take_callbacks(_AT_A_TIME, _LEASE)
                     await asyncio.gather(*(self._call(http, job) for job in due))
                 except StoreError as error:
                     logger.error("webhooks wait for the store: %s", error)  # noqa: TRY400

@@ -14,7 +14,7 @@ from sqlalchemy import Connection, Table, func, select, update
 from sqlalchemy.exc import DataError, IntegrityError, ProgrammingError
 
 from unbend.brief import counted
-from unbend.errors import BackupError, ExistsError, MoveError, StoreError
+from unbend.errors import BackupError, ExistsError, MoveError, StoreError, StoreUnavailableError
 from unbend.library.backups.backup import verify
 from unbend.library.moving.ends import TABLES, inspect_target, opened_source, opened_target, prepare_target
 from unbend.library.moving.rows import Key, RawTable, Values
@@ -291,6 +291,6 @@ def _explained(advice: str) -> Iterator[None]:
         with as_store_error():
             yield
     except StoreError as error:
-        if not error.advice:
+        if not error.advice or isinstance(error, StoreUnavailableError):
             error.with_advice(advice)
         raise

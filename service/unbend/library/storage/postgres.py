@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from sqlalchemy import URL, Connection, Engine, create_engine, text
-from sqlalchemy.exc import DBAPIError, TimeoutError  # noqa: A004
+from sqlalchemy.exc import DBAPIError, OperationalError, TimeoutError  # noqa: A004
 
 from unbend.errors import StoreVersionError
 from unbend.extras import extra
@@ -68,8 +68,8 @@ def open_postgres(address: URL) -> Engine:
         connect_args=_CONNECTING,
         pool_size=_CONNECTIONS,
         max_overflow=_MORE_CONNECTIONS,
+        # No test of a connection before its use: transactions run again if a restart of the server has ended it.
         pool_timeout=_WAIT_SECONDS,
-        pool_pre_ping=True,  # replaces connections that a restart of the server has ended
     )
 
 
@@ -126,25 +126,30 @@ def lock(connection: Connection, name: str) -> None:
         connection.execute(_LOCK, {"name": f"unbend {name}"})
 
 
+def wait_less(connection: Connection) -> None:
+    """Let the commit of this transaction not wait for the disk: a crash of the database may undo it."""
+    if connection.dialect.name == "postgresql":
+        connection.execute(_WAIT_LESS)
+
+
+_WAIT_LESS: Final = text("SET LOCAL synchronous_commit = off")
 _VERSION: Final = text("SELECT current_setting('server_version_num')::integer / 10000")
 _LOCK: Final = text("SELECT pg_advisory_xact_lock(hashtextextended(:name, 0))")
-
-
 _SESSIONS: Final = text(
     "SELECT count(*) FROM pg_stat_activity"
     " WHERE datname = current_database() AND application_name = :name AND pid <> pg_backend_pid()"
 )
 
 
-def is_transient(error: BaseException | None) -> bool:
+def is_transient(error: BaseException) -> bool:
     """Return whether an error of the database may be over when the transaction runs again."""
     if isinstance(error, TimeoutError):  # all connections of the pool are in use
-        return False
-    if not isinstance(error, DBAPIError):
+        return True
+    if not isinstance(error, DBAPIError) or not hasattr(error.orig, "sqlstate"):  # another database
         return False
     state = _state(error)
-    # A server that closes a connection without a word leaves no state.
-    return error.connection_invalidated or state in _TRANSIENT or state.startswith(_CONNECTION_LOST)
+    is_silent = isinstance(error, OperationalError) and not state  # the server refused or closed a connection
+    return is_silent or error.connection_invalidated or state[:2] == _CONNECTION_LOST or state in _TRANSIENT
 
 
 def is_disk_full(error: BaseException) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 from sqlalchemy import Connection
 from sqlalchemy.exc import DBAPIError, IntegrityError, TimeoutError  # noqa: A004
 
-from unbend.errors import StoreError, StoreFullError
+from unbend.errors import StoreError, StoreFullError, StoreUnavailableError
 from unbend.library.storage.postgres import is_disk_full, is_transient
 
 T = TypeVar("T")
@@ -20,8 +20,11 @@ T = TypeVar("T")
 _DISK_FULL: Final = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE", "SQLITE_IOERR_SHMMAP"})
 """SQLite's errors of a full disk: of the file and its log, and of the log's index."""
 
-_PAUSES: Final = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
-"""Seconds before each further attempt at a transaction, on average: a request waits no longer than two seconds."""
+_FIRST_PAUSE: Final = 0.02
+"""Seconds before the second attempt at a transaction, on average; each further pause is twice as long."""
+
+_RETRY_SECONDS: Final = 2.0
+"""Time after which no further attempt begins, because a client waits."""
 
 
 @contextmanager
@@ -34,6 +37,8 @@ def as_store_error() -> Iterator[None]:
     except (DBAPIError, TimeoutError, sqlite3.Error) as error:
         if getattr(getattr(error, "orig", error), "sqlite_errorname", "") in _DISK_FULL or is_disk_full(error):
             raise StoreFullError("the disk of the library is full") from error
+        if is_transient(error):
+            raise StoreUnavailableError("the library's database does not answer") from error
         raise StoreError("the library's store cannot be used") from error
 
 
@@ -42,14 +47,16 @@ def retried(transaction: Callable[[], T]) -> T:
 
     A lost connection may hide that the transaction was committed. So it must do no harm if it runs twice.
     """
-    for pause in _PAUSES:
+    pause, deadline = _FIRST_PAUSE, time.monotonic() + _RETRY_SECONDS
+    while True:
         try:
             return transaction()
-        except (StoreError, IntegrityError) as error:
-            if not is_transient(error if isinstance(error, IntegrityError) else error.__cause__):
+        except (StoreUnavailableError, IntegrityError) as error:
+            passes = not isinstance(error, IntegrityError) or is_transient(error)
+            if not passes or time.monotonic() + pause > deadline:
                 raise
-            time.sleep(pause * random.uniform(0.5, 1.5))  # noqa: S311  so that two transactions do not meet again
-    return transaction()
+        time.sleep(pause * random.uniform(0.5, 1.5))  # noqa: S311  so that two transactions do not meet again
+        pause *= 2
 
 
 def is_open(connection: Connection) -> bool:

@@ -395,6 +395,17 @@ def test_a_library_is_moved_to_a_database_without_tables(source, postgres):
     postgres.drop(url)
 
 
+def test_files_that_are_read_in_pieces_arrive_whole(source, postgres_url, tmp_path):
+    files = [b"ab" * 2**21, b"cd" * (2**22 + 1)]  # one piece of PostgreSQL's, and two and a bit
+    with Library(source) as library:
+        for data in files:
+            add(library, data, "large")
+    move_library(source, postgres_url)
+    move_library(postgres_url, str(tmp_path / "back.db"))
+    with Library(str(tmp_path / "back.db")) as library:
+        assert [library.mesh(shape.id) for shape in library.page(name="large").items] == files
+
+
 def test_the_command_reports_lines_in_a_pipe_and_one_document(source, target):
     done = succeeded("migrate-library", source, target, run=in_process)
     assert "2 shapes" in done.stdout

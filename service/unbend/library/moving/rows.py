@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from sqlalchemy import (
     JSON,
+    ColumnElement,
     Connection,
     Float,
     LargeBinary,
@@ -38,6 +39,9 @@ Values = dict[str, Any]
 _MOST_ROWS: Final = 500
 """Largest number of rows in one statement: SQLite limits the number of its arguments."""
 
+_PIECE: Final = 4 * 2**20
+"""Bytes of a binary value that PostgreSQL sends at a time."""
+
 _SHOWN: Final = 200
 """Characters of a database's message that an error has."""
 
@@ -60,7 +64,9 @@ class RawTable:
         self._floats = {each.name for each in defined.columns if isinstance(each.type, Float | Instant)}
         # Columns without types, so that values pass unchanged.
         self._raw = table(defined.name, *map(column, self._names))
-        self._as_text = {each.name for each in defined.columns if self._is_parsed(each.type)}
+        is_postgres = connection.dialect.name == "postgresql"
+        self._as_text = {each.name for each in defined.columns if is_postgres and isinstance(each.type, JSON)}
+        self._in_pieces = {each.name for each in defined.columns if is_postgres and isinstance(each.type, LargeBinary)}
         self._large = [
             func.coalesce(func.length(self._column(each.name)), 0)
             for each in defined.columns
@@ -137,21 +143,40 @@ class RawTable:
         return f"the row of {self.name} with {parts}"
 
     def _read(self, keys: Sequence[Key]) -> dict[Key, Values]:
-        key = [self._raw.c[name] for name in self._key]
-        chosen = tuple_(*key).in_(keys) if len(key) > 1 else key[0].in_([each for (each,) in keys])
-        rows = self._connection.execute(select(*map(self._column, self._names)).where(chosen))
-        found = (dict(zip(self._names, row, strict=True)) for row in rows)
+        wanted = select(*map(self._column, self._names)).where(self._is_one_of(keys))
+        # All rows, before `_complete` uses the connection.
+        found = [dict(zip(self._names, row, strict=True)) for row in self._connection.execute(wanted).all()]
+        for values in found:
+            for name in self._in_pieces:
+                if values[name] is not None and len(values[name]) == _PIECE:
+                    values[name] = self._complete(name, values)
         return {self.key_of(values): values for values in found}
 
-    def _column(self, name: str) -> Any:
-        """Return a column to select; JSON as its text, which the driver of PostgreSQL would parse."""
+    def _complete(self, name: str, values: Values) -> bytearray:
+        """Return a binary value of which a row has only the first piece."""
+        whole, piece = bytearray(values[name]), values[name]
+        this = self._is_one_of([self.key_of(values)])
+        while len(piece) == _PIECE:
+            wanted = select(func.substr(self._raw.c[name], len(whole) + 1, _PIECE)).where(this)
+            piece = self._connection.execute(wanted).scalar_one()
+            whole += piece
+        return whole
+
+    def _is_one_of(self, keys: Sequence[Key]) -> ColumnElement[bool]:
+        key = [self._raw.c[name] for name in self._key]
+        return tuple_(*key).in_(keys) if len(key) > 1 else key[0].in_([each for (each,) in keys])
+
+    def _column(self, name: str) -> ColumnElement[Any]:
+        """Return a column to select: the first piece of a binary one, or JSON as text, from PostgreSQL.
+
+        PostgreSQL sends a binary value as text of twice its size. Its driver would parse JSON.
+        """
+        if name in self._in_pieces:
+            return func.substr(self._raw.c[name], 1, _PIECE).label(name)
         return cast(self._raw.c[name], Text).label(name) if name in self._as_text else self._raw.c[name]
 
-    def _is_parsed(self, kind: object) -> bool:
-        return isinstance(kind, JSON) and self._connection.dialect.name == "postgresql"
 
-
-def _encode(value: Any, is_float: bool) -> tuple[int, bytes]:
+def _encode(value: Any, is_float: bool) -> tuple[int, bytes | bytearray]:
     """Return a letter for the type of a value, and its bytes."""
     if value is None:
         return ord("n"), b""
@@ -159,7 +184,7 @@ def _encode(value: Any, is_float: bool) -> tuple[int, bytes]:
         return ord("f"), struct.pack("<d", value + 0.0)  # SQLite stores whole numbers as integers, and no -0.0
     if isinstance(value, str):
         return ord("s"), value.encode()
-    if isinstance(value, bytes):
+    if isinstance(value, bytes | bytearray):
         return ord("b"), value
     return ord(type(value).__name__[0].upper()), repr(value).encode()
 

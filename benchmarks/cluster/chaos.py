@@ -46,7 +46,7 @@ QUIET: Final = 150.0
 
 @dataclass
 class Account:
-    """What clients saw; thread-safe by the interpreter's lock."""
+    """The answers that clients got, and the faults; thread-safe by the interpreter's lock."""
 
     acknowledged: dict[str, int] = field(default_factory=dict)
     """The mesh of each acknowledged job, by the job's address."""

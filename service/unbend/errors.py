@@ -21,6 +21,7 @@
     │   ├── StoreFullError        its disk is full
     │   ├── StoreLostError        its file was removed or replaced
     │   ├── StoreInUseError       another server runs its jobs
+    │   ├── VectorsMissingError   its database cannot search vectors
     │   └── BackupError           a file is no complete library
     ├── JobError                  a job has no result
     │   ├── JobTimeoutError       it ran longer than allowed
@@ -232,6 +233,13 @@ class StoreInUseError(StoreError):
 
     code = "store_in_use"
     advice = "Stop the other server first, or give this one a library of its own."
+
+
+class VectorsMissingError(StoreError):
+    """The database of the store cannot search vectors: it lacks the extension pgvector."""
+
+    code = "vectors_missing"
+    advice = "Let an administrator of the database install pgvector 0.8 or later, or set UNBEND_SEARCH=memory."
 
 
 class BackupError(StoreError):

@@ -32,7 +32,7 @@ _PUBLISH: Final = "SELECT pg_notify(%s, payload) FROM unnest(%s::text[]) AS payl
 
 @dataclass(frozen=True)
 class WorkerNews:
-    """What a worker tells of itself with each heartbeat."""
+    """The size and the load of a worker, which it tells with each heartbeat."""
 
     id: str
     processes: int

@@ -29,6 +29,7 @@ from unbend.library.storage.database import (
 from unbend.library.storage.lease import Lease
 from unbend.library.storage.migration import must_be_migrated, revision_of
 from unbend.library.storage.schema import library_state, metadata
+from unbend.library.vector_rows import drop_vectors, has_vectors
 
 TABLES: Final[tuple[Table, ...]] = tuple(table for table in metadata.sorted_tables if table is not library_state)
 """The tables whose rows are copied, in an order in which each row follows those that it refers to."""
@@ -110,9 +111,14 @@ def inspect_target(url: str, epoch: str) -> State:
 
 
 def prepare_target(end: End, epoch: str) -> None:
-    """Create or migrate the schema of an empty target, and mark the target as unfinished."""
+    """Create or migrate the schema of an empty target, and mark the target as unfinished.
+
+    Tables of vectors, which repeat what other tables have, are dropped: they can be made again afterwards.
+    """
     migrate_engine(end.engine)
     with end.connection.begin():
+        if has_vectors(end.connection):
+            drop_vectors(end.connection)
         unfinished.begin(end.connection, epoch)
 
 

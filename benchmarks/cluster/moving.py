@@ -135,8 +135,9 @@ def main() -> None:
         rows += measure(postgres, path, ", with a file of 64 MB")
     text = (
         f"A library of {SHAPES} shapes, made from those of `unbend demo`: {size / 2**20:.0f} MB, of which"
-        f" {files / 2**20:.0f} MB are files. The database, the command and the disk share two cores. Times include"
-        " the check of the source and the comparison of each row. Memory is the most that the process had.\n\n"
+        f" {files / 2**20:.0f} MB are files. The database and the command share two cores, with other programs:"
+        f" the load was {os.getloadavg()[2]:.0f}. Times include the check of the source and the comparison of each row."
+        f" Memory is the most that the process had. Number of runs, of which the quickest counts: {TURNS}.\n\n"
     )
     text += table(["", "seconds", "rows a second", "memory, MB"], rows)
     write_section(BENCHMARKS / "cluster.md", "moving", text)

@@ -15,6 +15,9 @@
     │   ├── NotFoundError         no such record
     │   ├── ChangedError          the record was changed since the caller read it
     │   ├── StoreVersionError     another version made the store
+    │   │   └── StoreOutdatedError  it must be migrated first
+    │   ├── StoreUnfinishedError  it is the target of a move that was interrupted
+    │   ├── MoveError             a row cannot be moved to another database
     │   ├── StoreFullError        its disk is full
     │   ├── StoreLostError        its file was removed or replaced
     │   ├── StoreInUseError       another server runs its jobs
@@ -188,6 +191,27 @@ class StoreVersionError(StoreError):
 
     code = "store_version"
     advice = "Open it with the version of unbend that made it, or a newer one."
+
+
+class StoreOutdatedError(StoreVersionError):
+    """The store has the schema of an earlier version, and may not be migrated here."""
+
+    code = "store_outdated"
+    advice = "Migrate it once by `unbend migrate`, or let the service do it: UNBEND_MIGRATE=true."
+
+
+class StoreUnfinishedError(StoreError):
+    """The store is the target of a move between databases that was interrupted."""
+
+    code = "store_unfinished"
+    advice = "Run the same `unbend migrate-library` again: it goes on where it was."
+
+
+class MoveError(StoreError):
+    """A row cannot be moved to another database: it is damaged, does not fit there, or differs from what is there."""
+
+    code = "move"
+    advice = "Correct the row that the message names; then move the library to a new, empty database."
 
 
 class StoreFullError(StoreError):

@@ -23,6 +23,7 @@ from unbend.cli.keys import keys
 from unbend.cli.label import label
 from unbend.cli.listing import list_shapes
 from unbend.cli.match import match
+from unbend.cli.migrate import migrate, migrate_library
 from unbend.cli.openapi import openapi
 from unbend.cli.query import query
 from unbend.cli.remove import remove
@@ -54,6 +55,7 @@ def main() -> None:
 
 for command in (
     serve, signature, flatten, show, compare, match, transfer, symmetry, compute, import_folder, export, list_shapes,
-    label, remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo, worker, index,
+    label, remove, query, evaluate, jobs, complete, backup, restore, migrate, migrate_library,
+    keys, openapi, demo, worker, index,
 ):  # fmt: skip
     main.add_command(command)

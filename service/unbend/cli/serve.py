@@ -106,9 +106,9 @@ def serve(context: click.Context, /, host: str, port: int, file: Path | None, **
 
 def _must_be_safe(settings: Settings, host: str) -> None:
     """Open the library, or exit with a message; refuse to expose a library without keys."""
-    from unbend.library import Library  # noqa: PLC0415
+    from unbend.api.server.opening import open_library  # noqa: PLC0415
 
-    with Library(settings.library) as opened:
+    with open_library(settings) as opened:
         if not (settings.open or _only_this_machine(host) or opened.keys.are_required()):
             raise ExposedError(f"{host} is public, and the library has no keys")
 

@@ -156,9 +156,7 @@ def progress(items: Iterable[T], label: str, length: int) -> Iterator[Iterable[T
     if is_quiet() or not sys.stderr.isatty():
         yield items
     else:
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-        with _bar(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bar:
+        with progress_bar() as bar:
             yield bar.track(items, total=length, description=label)
     say(f"{label}: {time.perf_counter() - began:.2f} s")
 
@@ -182,6 +180,13 @@ def stages(name: str) -> Iterator[ProgressCallback]:
             yield report
             bar.update(task, visible=False)
     watch.end()
+
+
+def progress_bar() -> Any:
+    """Return a bar of Rich for counted items, which begins with the description of its task."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    return _bar(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
 
 
 def _bar(*columns: Any) -> Any:

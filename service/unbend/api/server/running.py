@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from unbend.api.server.metrics import Metrics
+from unbend.api.server.opening import open_library
 from unbend.api.server.scheduled_backups import ScheduledBackups
 from unbend.api.server.service import Service
 from unbend.api.server.settings import Settings
@@ -16,7 +17,6 @@ from unbend.api.server.wait_limit import WaitLimit
 from unbend.api.server.webhooks import Webhooks
 from unbend.jobs.observer import Observers
 from unbend.jobs.runner import JobRunner
-from unbend.library import Library
 from unbend.library.request_rates import SharedRateLimit
 from unbend.library.storage.lease import Lease
 
@@ -40,7 +40,7 @@ async def running_service(
         The lease of the library; by default acquired here, which raises StoreInUseError if another server has it.
     """
     own_lease = lease or Lease(settings.library)
-    library = Library(settings.library, search=settings.search)
+    library = open_library(settings)
     if library.disk:
         library.disk.reserve(settings.reserve_bytes)
     runner = JobRunner(

@@ -59,6 +59,7 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix=ENVIRONMENT_PREFIX, frozen=True, extra="forbid")
 
     library: str = Field(DEFAULT_LIBRARY, min_length=1, description="Path of an SQLite file, or an SQLAlchemy URL.")
+    migrate: bool = Field(True, description="Migrate a library of an older schema; otherwise refuse it.")
     workers: int = Field(
         default_factory=lambda: min(available_cores(), _MOST_WORKERS),
         ge=0,

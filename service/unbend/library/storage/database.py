@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +17,7 @@ from sqlalchemy import URL, Engine, create_engine, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from unbend.errors import ParameterError, StoreError, StoreVersionError
-from unbend.library.storage import postgres, queue_schema, sqlite
+from unbend.library.storage import postgres, queue_schema, sqlite, unfinished
 
 _DATABASES: Final = ("sqlite", "postgresql", "postgres")
 _MIGRATIONS: Final = Path(__file__).parent.parent / "migrations"
@@ -52,9 +55,15 @@ def create_schema(path: Path, revision: str) -> None:
         engine.dispose()
 
 
+@cache
 def revisions() -> frozenset[str]:
     """Return the revisions of the schema that this version knows."""
     return frozenset(script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions())
+
+
+def latest_revision() -> str:
+    """Return the revision of this version's schema."""
+    return max(revisions())
 
 
 def is_in_memory(url: str) -> bool:
@@ -87,6 +96,25 @@ def open_engine(url: str) -> Engine:
     except (ArgumentError, ImportError):  # another driver
         raise _unknown(url) from None
     return sqlite.prepare(engine)
+
+
+def open_reading_engine(url: str) -> Engine:
+    """Return an engine that only reads: of an SQLite file, it changes not even the header.
+
+    Raises
+    ------
+    ParameterError
+        If the URL is of an unknown database, or there is no such SQLite file.
+    """
+    must_exist(url)
+    address = _address(url)
+    if address.get_backend_name() != "sqlite":
+        return postgres.one_state(postgres.open_postgres(address))
+    try:
+        engine = sqlite.with_own_transactions(create_engine(address))
+    except (ArgumentError, ImportError):  # another driver
+        raise _unknown(url) from None
+    return engine.execution_options(unbend_reading=True)
 
 
 def shown_url(url: str) -> str:
@@ -128,20 +156,30 @@ def migrate_engine(engine: Engine, revision: str = "head") -> None:
     ------
     StoreVersionError
         If a later version of unbend made the database.
+    StoreUnfinishedError
+        If it is the target of a move that was interrupted.
     StoreError
         If the database cannot be opened.
     """
     config = _config()
+    with opening(engine.url), engine.execution_options(unbend_migrating=True).begin() as connection:
+        if connection.dialect.name == "postgresql":
+            postgres.begin_migration(connection)
+        unfinished.refuse(connection)
+        config.attributes["connection"] = connection
+        command.upgrade(config, revision)
+        if connection.dialect.name == "postgresql":
+            queue_schema.upgrade(connection)
+
+
+@contextmanager
+def opening(address: URL) -> Iterator[None]:
+    """Replace the errors of a database that is being opened: StoreVersionError, or StoreError, which names it."""
     try:
-        with engine.execution_options(unbend_migrating=True).begin() as connection:
-            if connection.dialect.name == "postgresql":
-                postgres.begin_migration(connection)
-            config.attributes["connection"] = connection
-            command.upgrade(config, revision)
-            if connection.dialect.name == "postgresql":
-                queue_schema.upgrade(connection)
+        yield
     except CommandError as error:
         raise StoreVersionError("the library was made by a later version of unbend") from error
     except (DBAPIError, sqlite3.Error) as error:  # sqlite3.Error: from `sqlite`
-        place, why = engine.url.render_as_string(hide_password=True), getattr(error, "orig", error)
-        raise StoreError(f"the library at {place} cannot be opened: {why}") from error
+        place, why = address.render_as_string(hide_password=True), getattr(error, "orig", error)
+        said = " ".join(str(why).split())  # PostgreSQL may say several lines
+        raise StoreError(f"the library at {place} cannot be opened: {said}") from error

@@ -14,6 +14,12 @@ from unbend.extras import extra
 OLDEST: Final = 16
 """The oldest version of PostgreSQL whose behaviour the tests have seen, or its successors promise."""
 
+NAME: Final = "unbend"
+"""The name of the sessions of servers, workers and commands."""
+
+MOVING: Final = "unbend moving"
+"""The name of the sessions that move a library between databases."""
+
 _OPTIONS: Final = {
     "statement_timeout": "60s",
     "lock_timeout": "30s",
@@ -21,7 +27,7 @@ _OPTIONS: Final = {
     "client_connection_check_interval": "10s",  # so that the server ends the statements of a process that died
 }
 _CONNECTING: Final = {
-    "application_name": "unbend",
+    "application_name": NAME,
     "connect_timeout": 5,
     # A network that drops packets is noticed after half a minute, and not after hours.
     "keepalives_idle": 10,
@@ -30,6 +36,7 @@ _CONNECTING: Final = {
     "tcp_user_timeout": 30_000,
     "options": " ".join(f"-c {name}={value}" for name, value in _OPTIONS.items()),
 }
+_TIME_LIMITS: Final = ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout")
 _CONNECTIONS: Final = 8
 _MORE_CONNECTIONS: Final = 16
 _WAIT_SECONDS: Final = 10
@@ -90,9 +97,24 @@ def begin_migration(connection: Connection) -> None:
         raise StoreVersionError(f"the library is in PostgreSQL {version}").with_advice(
             f"Use PostgreSQL {OLDEST} or newer."
         )
-    for name in ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout"):
+    for name in _TIME_LIMITS:
         connection.execute(text(f"SET LOCAL {name} = 0"))
     lock(connection, "migration")
+
+
+def begin_move(connection: Connection) -> None:
+    """Give a connection no limits on time, and the name that `other_sessions` counts apart; commit."""
+    for name in _TIME_LIMITS:
+        connection.execute(text(f"SET {name} = 0"))
+    connection.execute(text(f"SET application_name = '{MOVING}'"))
+    connection.commit()
+
+
+def other_sessions(connection: Connection, name: str) -> int:
+    """Return the number of other sessions of this program on the database that have a name."""
+    found: int = connection.execute(_SESSIONS, {"name": name}).scalar_one()
+    connection.commit()  # PostgreSQL counts once in each transaction
+    return found
 
 
 def lock(connection: Connection, name: str) -> None:
@@ -113,6 +135,10 @@ def wait_less(connection: Connection) -> None:
 _WAIT_LESS: Final = text("SET LOCAL synchronous_commit = off")
 _VERSION: Final = text("SELECT current_setting('server_version_num')::integer / 10000")
 _LOCK: Final = text("SELECT pg_advisory_xact_lock(hashtextextended(:name, 0))")
+_SESSIONS: Final = text(
+    "SELECT count(*) FROM pg_stat_activity"
+    " WHERE datname = current_database() AND application_name = :name AND pid <> pg_backend_pid()"
+)
 
 
 def is_transient(error: BaseException) -> bool:

@@ -7,9 +7,10 @@ has. A database that an older release of Procrastinate made gets the migrations 
 from __future__ import annotations
 
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import Any, Final
 
-from sqlalchemy import Column, Connection, MetaData, String, Table, insert, select
+from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select
 
 from unbend.extras import extra
 
@@ -45,23 +46,33 @@ _applied = Table("queue_migrations", MetaData(), Column("name", String, primary_
 
 def upgrade(connection: Connection) -> None:
     """Create or upgrade the tables and triggers of the queue, within a migration of the database."""
-    with extra("cluster"):
-        import procrastinate  # noqa: F401, PLC0415
-    scripts = files("procrastinate.sql")
-    migrations = sorted(each.name for each in (scripts / "migrations").iterdir() if each.name.endswith(".sql"))
+    missing = missing_steps(connection)
     _applied.create(connection, checkfirst=True)
-    present = set(connection.scalars(select(_applied.c.name)))
-    missing = [name for name in migrations if name not in present]
-    if missing and not present:
+    scripts = _scripts()
+    steps = [name for name in missing if name != _TRIGGERS]
+    if steps and connection.scalar(select(_applied.c.name).limit(1)) is None:
         _run(connection, (scripts / "schema.sql").read_text())  # what all migrations together would make
     else:
-        for name in missing:
+        for name in steps:
             _run(connection, (scripts / "migrations" / name).read_text())
-    if _TRIGGERS not in present:
+    if _TRIGGERS in missing:
         _run(connection, _CREATE_TRIGGERS)
-        missing.append(_TRIGGERS)
     if missing:
         connection.execute(insert(_applied), [{"name": name} for name in missing])
+
+
+def missing_steps(connection: Connection) -> list[str]:
+    """Return the names of the migrations of the queue that a database lacks, in order; this changes nothing."""
+    names = sorted(each.name for each in (_scripts() / "migrations").iterdir() if each.name.endswith(".sql"))
+    is_new = not inspect(connection).has_table(_applied.name)
+    present = set() if is_new else set(connection.scalars(select(_applied.c.name)))
+    return [name for name in [*names, _TRIGGERS] if name not in present]
+
+
+def _scripts() -> Traversable:
+    with extra("cluster"):
+        import procrastinate  # noqa: F401, PLC0415
+    return files("procrastinate.sql")
 
 
 def _run(connection: Connection, script: str) -> None:

@@ -54,7 +54,7 @@ class Store:
         self._is_in_memory = is_in_memory(url)
         self._eraser = LogEraser(self._engine) if is_sqlite else None
         if migrate:
-            migrate_engine(self._engine)
+            self._migrate()
             self.erase("soon")  # a migration may delete content from the history of jobs
         has_file = is_sqlite and not self._is_in_memory
         self._cache = ReadCache(self._engine) if has_file else None
@@ -62,6 +62,13 @@ class Store:
         self._writer: Writer | ConcurrentWriter | None = None
         self._writer_lock = threading.Lock()
         self._is_closed = False
+
+    def _migrate(self) -> None:
+        try:
+            migrate_engine(self._engine)
+        except BaseException:
+            self._engine.dispose()  # nobody else can close its connections
+            raise
 
     @property
     def is_closed(self) -> bool:

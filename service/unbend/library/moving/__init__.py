@@ -1,0 +1,1 @@
+"""Moves of a whole library between databases."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from unbend.cli.options import library_option
+from unbend.cli.options import chosen_objects, library_option, objects_option
 from unbend.cli.terminal import warn
 from unbend.errors import ExposedError
 
@@ -48,6 +48,7 @@ config_option = click.option(
     "--port", type=click.IntRange(0, 65535), default=8000, show_default=True, help="Port; 0 for any free one."
 )
 @library_option
+@objects_option
 @workers_option
 @click.option("--open", is_flag=True, help="Serve everybody as long as the library has no keys.")
 @config_option
@@ -108,17 +109,18 @@ def _must_be_safe(settings: Settings, host: str) -> None:
     """Open the library, or exit with a message; refuse to expose a library without keys."""
     from unbend.library import Library  # noqa: PLC0415
 
-    with Library(settings.library) as opened:
+    with Library(settings.library, objects=settings.objects or None) as opened:
         if not (settings.open or _only_this_machine(host) or opened.keys.are_required()):
             raise ExposedError(f"{host} is public, and the library has no keys")
 
 
 def given_settings(context: click.Context) -> dict[str, Any]:
     """Return the settings from options; `read_settings` reads the environment."""
+    params = {**context.params, "objects": chosen_objects()}
     return {
-        name: context.params[name]
-        for name in ("library", "workers", "open")
-        if name in context.params and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        name: params[name]
+        for name in ("library", "objects", "workers", "open")
+        if name in params and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.options import library_option
+from unbend.cli.options import library_option, objects_option
 from unbend.cli.serve import config_option, given_settings, workers_option
 from unbend.cli.terminal import warn
 from unbend.errors import ParameterError
@@ -15,6 +15,7 @@ from unbend.errors import ParameterError
 
 @click.command()
 @library_option
+@objects_option
 @workers_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address or name to listen at.")
 @click.option(

@@ -119,7 +119,7 @@ class Execution:
 
     async def _complete(self, job: JobRecord) -> JobRecord | None:
         """Compute a job and store its result; None if the job was cancelled or requeued meanwhile."""
-        mesh = StoredMesh(self._library.url, job.mesh_sha256 or "", job.file_type, job.policy, self._limits.mesh)
+        mesh = StoredMesh(self._library.address, job.mesh_sha256 or "", job.file_type, job.policy, self._limits.mesh)
         match job.request:
             case QueryRequest():
                 return await self._complete_query(job, mesh, job.request)

@@ -11,10 +11,12 @@ from unbend.brief import brief, counted
 from unbend.correspondence.match import Turn, match
 from unbend.correspondence.pieces import Part
 from unbend.errors import NotFoundError, ParameterError, UnbendError, check_choice
+from unbend.library.address import LibraryAddress
 from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.jobs import JobFilter, Jobs
 from unbend.library.keys import Keys
+from unbend.library.mesh_files import MeshFiles
 from unbend.library.packing import pack_local
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload
 from unbend.library.search import MapOptions, Search
@@ -56,6 +58,10 @@ class Library:
         A path of an SQLite file, which is created if it is missing, or an SQLAlchemy URL.
     migrate : bool, default True
         Migrate the database to the present schema first.
+    objects : str, optional
+        The address of an object store, where the files of new meshes are then kept, and not in the database: such as
+        s3://bucket/prefix, gs://bucket/prefix, az://account/container/prefix or file:///folder. The environment has
+        the credentials.
 
     Raises
     ------
@@ -69,10 +75,11 @@ class Library:
     ...     library.classify("unknown.ply")[0].label
     """
 
-    def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True) -> None:
-        self.store = Store(url, migrate=migrate)
-        self.shapes = Shapes(self.store)
-        self.jobs = Jobs(self.store)
+    def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True, objects: str | None = None) -> None:
+        self.store = Store(url, migrate=migrate, objects=objects)
+        self.files = MeshFiles(self.store)
+        self.shapes = Shapes(self.store, self.files)
+        self.jobs = Jobs(self.store, self.files)
         self.keys = Keys(self.store)
         self.search = Search(self.store)
 
@@ -80,6 +87,11 @@ class Library:
     def url(self) -> str:
         """The address that the library was opened with."""
         return self.store.url
+
+    @property
+    def address(self) -> LibraryAddress:
+        """The addresses of the database and the object store, by which other processes open the same library."""
+        return LibraryAddress(self.url, self.store.objects.url if self.store.objects else None)
 
     @property
     def disk(self) -> LibraryDisk | None:
@@ -98,7 +110,7 @@ class Library:
         """
         self.store.check()
         if self.disk:
-            self.disk.admit_upload(size)
+            self.disk.admit_upload(size if self.files.are_in_database else 0)
 
     def __repr__(self) -> str:
         try:
@@ -118,6 +130,7 @@ class Library:
 
     def close(self) -> None:
         """Run the queued changes, and close the database."""
+        self.files.close()
         self.store.close()
 
     def add(
@@ -171,7 +184,7 @@ class Library:
         if known := self.shapes.find(upload.key):
             return self.shapes.update_known(known, request)
         found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
-        return self.shapes.submit(ComputedShape.of(upload.key, found), request, lambda: upload.data).result()
+        return self.shapes.submit(ComputedShape.of(upload.key, found), request, upload.open).result()
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape; NotFoundError if there is none of this id."""
@@ -306,8 +319,10 @@ class Library:
         ------
         ParameterError
             If the folder is not empty.
+        NotFoundError
+            If somebody removes a shape meanwhile whose file is in an object store.
         """
-        return export(self.store, folder)
+        return export(self.store, self.files, folder)
 
     def rank(
         self,

@@ -147,7 +147,7 @@ Read = Callable[[int, int], bytes]
 """Returns the bytes of a file from an offset, at most a number of them."""
 
 
-def send_file(request: Request, read: Read, size: int, sha256: str, headers: dict[str, str]) -> Response:
+async def send_file(request: Request, read: Read, size: int, sha256: str, headers: dict[str, str]) -> Response:
     """Return a response that streams a file, or the requested range, as fast as the client reads.
 
     If the file is removed meanwhile, the connection closes before all bytes are sent.
@@ -172,10 +172,12 @@ def send_file(request: Request, read: Read, size: int, sha256: str, headers: dic
     headers["Content-Length"] = str(end - begin)
     if request.scope.get(HEAD):
         return Response(status_code=status, headers=headers)
-    return StreamingResponse(_chunks(read, begin, end), status, headers)
+    first = await asyncio.to_thread(read, begin, min(_CHUNK, end - begin))  # an error still has its own response
+    return StreamingResponse(_chunks(read, first, begin + len(first), end), status, headers)
 
 
-async def _chunks(read: Read, begin: int, end: int) -> AsyncIterator[bytes]:
+async def _chunks(read: Read, first: bytes, begin: int, end: int) -> AsyncIterator[bytes]:
+    yield first
     while begin < end:
         piece = await asyncio.to_thread(partial(read, begin, min(_CHUNK, end - begin)))
         begin += len(piece)

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from unbend.api.server.metrics import Metrics
+from unbend.api.server.object_sweeps import ObjectSweeps
 from unbend.api.server.scheduled_backups import ScheduledBackups
 from unbend.api.server.service import Service
 from unbend.api.server.settings import Settings
@@ -39,7 +40,7 @@ async def running_service(
         The lease of the library; by default acquired here, which raises StoreInUseError if another server has it.
     """
     own_lease = lease or Lease(settings.library)
-    library = Library(settings.library)
+    library = Library(settings.library, objects=settings.objects or None)
     if library.disk:
         library.disk.reserve(settings.reserve_bytes)
     runner = JobRunner(
@@ -53,7 +54,8 @@ async def running_service(
     webhooks = Webhooks(library.jobs, settings.webhook_plan) if settings.webhook_plan else None
     rates = SharedRateLimit(library.store, settings.requests_per_minute) if library.store.postgres else None
     await runner.start()
-    background = [each for each in (scheduled, webhooks) if each]
+    sweeps = ObjectSweeps(library) if settings.objects else None
+    background = [each for each in (scheduled, webhooks, sweeps) if each]
     for each in background:
         each.start()
     try:

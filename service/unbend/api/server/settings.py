@@ -58,6 +58,9 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix=ENVIRONMENT_PREFIX, frozen=True, extra="forbid")
 
     library: str = Field(DEFAULT_LIBRARY, min_length=1, description="Path of an SQLite file, or an SQLAlchemy URL.")
+    objects: str = Field(
+        "", description="Object store for the files of meshes, such as s3://bucket/prefix; the library if empty."
+    )
     workers: int = Field(
         default_factory=lambda: min(available_cores(), _MOST_WORKERS),
         ge=0,

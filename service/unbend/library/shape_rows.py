@@ -65,7 +65,9 @@ _FIND = (
 )
 _HAS_MESH = select(exists().where(meshes.c.sha256 == bindparam("sha256")))
 _GET_MESH = select(meshes.c.data).where(meshes.c.sha256 == bindparam("sha256"))
-_DELETE_MESH = delete(meshes).where(meshes.c.sha256 == bindparam("sha256")).returning(meshes.c.data.is_(None))
+# Not by RETURNING, which SQLite 3.40 evaluates wrongly for IS NULL after the deletion.
+_IS_ELSEWHERE = select(meshes.c.data.is_(None)).where(meshes.c.sha256 == bindparam("sha256"))
+_LOCK_MESH = _IS_ELSEWHERE.with_for_update()
 _PUT_MESH, _ADD_DESCRIPTORS, _ADD_SHAPE = insert(meshes), insert(descriptors), insert(shapes)
 _ADD_LOCAL = insert(local_signatures)
 _ADD_SIGNATURE = insert(signatures).returning(signatures.c.id)
@@ -147,7 +149,7 @@ def read_file_range(connection: Connection, sha256: str, offset: int, size: int)
     NotFoundError
         If there is no such file.
     """
-    is_elsewhere = connection.scalar(select(meshes.c.data.is_(None)).where(meshes.c.sha256 == sha256))
+    is_elsewhere = connection.scalar(_IS_ELSEWHERE, {"sha256": sha256})
     if is_elsewhere is None:
         raise NotFoundError(f"no mesh {sha256}")
     if is_elsewhere:
@@ -171,7 +173,9 @@ def delete_unused_mesh(connection: Connection, sha256: str) -> None:
     """Delete a file's bytes if no signature and no unfinished job needs them; queue the deletion of its object."""
     if not connection.scalar(_IS_MESH_NEEDED, {"sha256": sha256}):
         connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
-        if connection.scalar(_DELETE_MESH, {"sha256": sha256}):
+        is_elsewhere = connection.scalar(_LOCK_MESH, {"sha256": sha256})
+        connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
+        if is_elsewhere:
             queue_deletion(connection, sha256)
         mark_erased(connection, "soon")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -88,9 +88,10 @@ def sweep(library: Library, *, delete: bool = False, grace: timedelta = GRACE) -
     """
     objects, deletions = _parts(library)
     tidy(library)
-    found = Sweep()
+    found, folders = Sweep(), objects.folders()
     for folder in FOLDERS:
-        found = found.with_folder(_compare(library, objects, folder, datetime.now(UTC) - grace))
+        listed = objects.list(folder) if folder in folders else ()
+        found = found.with_folder(_compare(library, objects, folder, listed, datetime.now(UTC) - grace))
     if delete and found.orphans:
         for start in range(0, len(found.orphans), _PAGE):
             library.store.change(partial(_queue, hashes=found.orphans[start : start + _PAGE]))
@@ -98,13 +99,14 @@ def sweep(library: Library, *, delete: bool = False, grace: timedelta = GRACE) -
     return found
 
 
-def tidy(library: Library) -> int:
+def tidy(library: Library, *, longest: timedelta = WRITE) -> int:
     """End writes of dead processes, and carry out queued deletions; return the number of deleted objects.
 
-    This deletes only objects that the database names, so it needs no list of the object store. Raises as `sweep` does.
+    A write longer than `longest` counts as that of a dead process. This deletes only objects that the database names,
+    so it needs no list of the object store. Raises as `sweep` does.
     """
     _, deletions = _parts(library)
-    while library.store.change(partial(object_rows.end_old_writes, before=datetime.now(UTC) - WRITE)):
+    while library.store.change(partial(object_rows.end_old_writes, before=datetime.now(UTC) - longest)):
         pass
     return deletions.run()
 
@@ -135,11 +137,13 @@ def _parts(library: Library) -> tuple[Objects, ObjectDeletions]:
     return store.objects, store.deletions
 
 
-def _compare(library: Library, objects: Objects, folder: str, before: datetime) -> _Folder:
+def _compare(
+    library: Library, objects: Objects, folder: str, items: Iterable[StoredObject], before: datetime
+) -> _Folder:
     """Compare one folder. Whatever differs is looked at again, because others write meanwhile."""
     named = library.store.load(partial(_named, folder=folder))  # first: a later mesh has its object already
     found, listed = _Folder(), set()
-    for item in objects.list(folder):
+    for item in items:
         listed.add(item.sha256)
         found.objects += 1
         found.size += item.size

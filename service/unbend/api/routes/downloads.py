@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import re
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from functools import partial
@@ -15,6 +16,7 @@ from starlette.responses import StreamingResponse
 
 from unbend.api.middleware.methods import HEAD
 from unbend.api.schema.problems import MediaTypeError, ProblemError
+from unbend.errors import ObjectDamagedError
 from unbend.mesh.formats import FORMATS, WrittenFormat
 from unbend.results.shapes import ShapeRecord
 
@@ -150,7 +152,8 @@ Read = Callable[[int, int], bytes]
 async def send_file(request: Request, read: Read, size: int, sha256: str, headers: dict[str, str]) -> Response:
     """Return a response that streams a file, or the requested range, as fast as the client reads.
 
-    If the file is removed meanwhile, the connection closes before all bytes are sent.
+    If the file is removed meanwhile, or a whole file has other bytes than its hash, the connection closes before all
+    bytes are sent.
     """
     tag = f'"{sha256}"'
     headers = headers | {"ETag": tag, "Accept-Ranges": "bytes"}
@@ -172,15 +175,27 @@ async def send_file(request: Request, read: Read, size: int, sha256: str, header
     headers["Content-Length"] = str(end - begin)
     if request.scope.get(HEAD):
         return Response(status_code=status, headers=headers)
-    first = await asyncio.to_thread(read, begin, min(_CHUNK, end - begin))  # an error still has its own response
-    return StreamingResponse(_chunks(read, first, begin + len(first), end), status, headers)
+    pieces = _chunks(read, begin, end, sha256 if part is None else None)
+    first = await anext(pieces)  # an error still has its own response
+    return StreamingResponse(_following(first, pieces), status, headers)
 
 
-async def _chunks(read: Read, first: bytes, begin: int, end: int) -> AsyncIterator[bytes]:
-    yield first
+async def _chunks(read: Read, begin: int, end: int, sha256: str | None) -> AsyncIterator[bytes]:
+    """Yield a file in pieces. If its hash is given and wrong, raise ObjectDamagedError instead of the last piece."""
+    found = hashlib.sha256()
     while begin < end:
         piece = await asyncio.to_thread(partial(read, begin, min(_CHUNK, end - begin)))
         begin += len(piece)
+        if sha256 is not None:
+            found.update(piece)
+            if begin >= end and found.hexdigest() != sha256:
+                raise ObjectDamagedError(f"the file of mesh {sha256} has other bytes than its hash")
+        yield piece
+
+
+async def _following(first: bytes, pieces: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    yield first
+    async for piece in pieces:
         yield piece
 
 

@@ -138,6 +138,11 @@ class Objects:
             for sha256 in hashes:
                 self._delete(sha256)
 
+    def folders(self) -> set[str]:
+        """Return the folders that have objects, of `FOLDERS`."""
+        with _typed("listed"):
+            return set(FOLDERS).intersection(self._store.list_with_delimiter()["common_prefixes"])
+
     def list(self, folder: str) -> Iterator[StoredObject]:
         """Yield the objects of a folder; files of others are left out."""
         with _typed("listed"):

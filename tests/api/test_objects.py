@@ -104,7 +104,7 @@ def test_the_end_of_a_damaged_large_file_is_not_sent(http, folder):
     data = large(4)
     shape = stored(http, data, file_name="mesh.off", parameters=FEW)
     path_of(folder, data).write_bytes(data[:-2] + b"4\n")
-    with pytest.raises(httpx.RemoteProtocolError, match="incomplete|without sending complete"):
+    with pytest.raises(httpx.RemoteProtocolError, match=r"incomplete|without sending complete"):
         http.get(f"/v1/shapes/{shape['id']}/mesh")
 
 

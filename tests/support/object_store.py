@@ -69,7 +69,7 @@ def running_mock_s3() -> Iterator[MockS3]:
             time.sleep(0.05)
         yield MockS3(address)
     finally:
-        process.terminate()
+        process.kill()  # it has nothing to save
         process.wait(10)
 
 

@@ -28,6 +28,8 @@ Open = Callable[[], bytes | BinaryIO]
 
 _WRITERS: Final = 4
 """Largest number of files that are sent to the object store at a time."""
+_NEAR_PIECE: Final = 2**18
+_FAR_PIECE: Final = 2**21
 _WAIT_SECONDS: Final = 10.0
 """Longest wait for the end of a deletion of the same bytes."""
 _PAUSE: Final = 0.05
@@ -44,6 +46,11 @@ class MeshFiles:
     def are_in_database(self) -> bool:
         """Whether new files go into the database."""
         return self._store.objects is None
+
+    @property
+    def piece_bytes(self) -> int:
+        """The number of bytes that a stream of a file reads at a time: more from an object store, which is farther."""
+        return _NEAR_PIECE if self.are_in_database else _FAR_PIECE
 
     def submit(self, sha256: str, open_file: Open, change: Callable[[Connection, Keep], T]) -> Future[T]:
         """Queue a change that may need the file of a mesh; the future has its result once all is on disk.

@@ -240,7 +240,8 @@ async def get_mesh(
     wanted = choose_format(request, format, stored)
     if wanted == stored:
         read = partial(service.library.shapes.read_file, record.sha256)
-        return await send_file(request, read, record.size, record.sha256, file_headers(stored, record.name))
+        headers = file_headers(stored, record.name)
+        return await send_file(request, read, record.size, record.sha256, headers, service.library.files.piece_bytes)
     if wants_job(request):
         return await _respond_async(
             service, request, record, FileRequest("mesh", {"file_type": wanted}, wanted, record.name)

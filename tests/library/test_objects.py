@@ -29,6 +29,7 @@ from unbend.errors import (
     ParameterError,
 )
 from unbend.jobs.limits import JobLimits
+from unbend.jobs.observer import NoObserver
 from unbend.jobs.runner import JobRunner
 from unbend.library.backups.backup import restore, verify
 from unbend.library.jobs import ANONYMOUS, NewJob, QueueLimits
@@ -448,26 +449,60 @@ def test_killed_processes_leave_nothing_that_the_next_one_does_not_mend(url, obj
             assert library.mesh(add(library, data)) == data
 
 
-def test_a_job_returns_to_the_queue_while_its_object_is_missing(path, library, objects):
-    job = library.jobs.submit_shape(
-        Upload(DATA, "off", Parameters(samples=4)), ShapeRequest("a"), ANONYMOUS, LIMITS
-    ).result()
-    objects.delete([SHA256])
+class Starts(NoObserver):
+    """Counts the starts of jobs."""
 
-    async def run() -> tuple[int, str]:
-        runner = JobRunner(library, workers=1, limits=JobLimits(drain_seconds=0.0), with_parts=False)
+    def __init__(self) -> None:
+        self.count = 0
+
+    def begun(self, job):
+        self.count += 1
+
+
+def test_a_job_waits_in_the_queue_for_the_object_store(tmp_path, mock_s3, monkeypatch):
+    for name, value in mock_s3.environment.items():
+        monkeypatch.setenv(name, value)
+    starts, limits = Starts(), JobLimits(drain_seconds=0.0, restarts=1)
+
+    async def run(library: Library) -> tuple[int, str]:
+        runner = JobRunner(library, workers=1, limits=limits, observer=starts, with_parts=False)
+        job = await runner.submit_shape(Upload(DATA, "off", Parameters(samples=4)), ShapeRequest("a"))
+        await asyncio.to_thread(mock_s3.refuse)
         await runner.start()
         try:
-            while not (await runner.status(job.job.id)).restarts:
+            while starts.count < 3:  # more than the limit of restarts, which counts none of these
                 await asyncio.sleep(0.05)
-            await asyncio.to_thread(objects.put, SHA256, DATA)
-            ended = await runner.wait(job.job.id, 60.0)
+            assert (await runner.status(job.id)).restarts == 0
+            await asyncio.to_thread(mock_s3.accept)
+            ended = await runner.wait(job.id, 60.0)
             return ended.restarts, ended.state
+        finally:
+            await asyncio.to_thread(mock_s3.accept)
+            await runner.stop()
+
+    with Library(str(tmp_path / "library.db"), objects=mock_s3.new()) as library:
+        assert asyncio.run(run(library)) == (0, "succeeded")
+
+
+def test_a_job_returns_to_the_queue_while_its_object_is_missing(path, library, objects):
+    limits = JobLimits(drain_seconds=0.0, restarts=1)
+
+    async def run() -> list[tuple[str, str | None]]:
+        runner = JobRunner(library, workers=1, limits=limits, with_parts=False)
+        uploads = [Upload(DATA + b"# %d" % number, "off", Parameters(samples=4)) for number in range(2)]
+        jobs = [await runner.submit_shape(upload, ShapeRequest("a")) for upload in uploads]
+        objects.delete([upload.key.sha256 for upload in uploads])
+        await runner.start()
+        try:
+            while not (await runner.status(jobs[0].id)).restarts:
+                await asyncio.sleep(0.05)
+            await asyncio.to_thread(objects.put, uploads[0].key.sha256, uploads[0].data)
+            ended = [await runner.wait(job.id, 60.0) for job in jobs]
+            return [(job.state, job.error and job.error["code"]) for job in ended]
         finally:
             await runner.stop()
 
-    restarts, state = asyncio.run(run())
-    assert (restarts >= 1, state) == (True, "succeeded")
+    assert asyncio.run(run()) == [("succeeded", None), ("failed", "object_missing")]
 
 
 def test_a_backup_has_the_rows_but_not_the_objects(path, library, tmp_path):

@@ -19,7 +19,7 @@ COPY pyproject.toml README.md LICENSE hatch_build.py ./
 COPY openapi ./openapi
 COPY image ./image
 COPY service ./service
-RUN pip --python /opt/unbend/venv/bin/python install --no-cache-dir --no-compile . \
+RUN pip --python /opt/unbend/venv/bin/python install --no-cache-dir --no-compile '/src[cluster]' \
  && python image/slim.py /opt/unbend/venv
 # This also compiles the modules that a server imports. The others stay source: their bytecode would be as large.
 RUN unbend openapi >/dev/null \

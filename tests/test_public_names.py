@@ -16,10 +16,11 @@ from unbend.extras import extra
 NAMES = {
     "AsyncClient", "CanonicalForm", "Client", "Correspondence", "Embedding", "Flattening", "Library",
     "LocalSignatures", "MeshPolicy", "Parameters", "PictureRequest", "Signature", "Surface", "UnbendError",
-    "VoronoiDiagram", "canonical_form", "compare", "compare_parts", "compute_signature", "effective_dimension",
-    "embed", "farthest_point_sampling", "flatten", "geodesic_distances", "geodesic_matrix", "geodesic_path",
-    "geodesic_voronoi", "iso_contours", "key_points", "load_signature", "local_signatures", "match", "read_mesh",
-    "render_picture", "representation_errors", "save_signature", "symmetry", "transfer", "transfer_landmarks",
+    "VoronoiDiagram", "canonical_form", "compare", "compare_parts", "compute_file", "compute_signature",
+    "effective_dimension", "embed", "farthest_point_sampling", "flatten", "geodesic_distances", "geodesic_matrix",
+    "geodesic_path", "geodesic_voronoi", "iso_contours", "key_points", "load_signature", "local_signatures", "match",
+    "read_mesh", "render_picture", "representation_errors", "save_signature", "symmetry", "transfer",
+    "transfer_landmarks",
 }  # fmt: skip
 
 UNNEEDED = ("fastapi", "sqlalchemy", "sklearn", "joblib", "pandas", "matplotlib", "PIL", "jinja2")

@@ -5,8 +5,9 @@
 Needs root, Debian's packages buildah and debootstrap, and the extra `release`. Lints the Dockerfile with hadolint,
 runs its steps with buildah, and prints the sizes of the image's parts. Then mounts the image read-only, with a tmpfs
 at /tmp and a folder at /library, starts its server as the image's user without capabilities, and makes a job of each
-kind. Exits with an error if a step fails, if a kernel was compiled at run time, or if the user of the image can write
-anywhere else. Keeps the images in FOLDER, so that the next run repeats only what has changed.
+kind. Exits with an error if a step fails, if the driver of PostgreSQL is missing, if a kernel was compiled at run
+time, or if the user of the image can write anywhere else. Keeps the images in FOLDER, so that the next run repeats only
+what has changed.
 
 No registry of images is needed: a stand-in for the image `python:3.13-slim` is made of Debian's packages. It has the
 same Debian and the same version of Python.
@@ -53,6 +54,10 @@ mount --rbind /proc "$root/proc"
 exec chroot "$root" setpriv --reuid=10001 --regid=10001 --clear-groups --no-new-privs --bounding-set=-all "$@"
 """
 """Runs a command in the mounted image as Docker does with `read_only`, `cap_drop` and `no-new-privileges`."""
+
+
+DRIVER: Final = "import procrastinate, psycopg; assert psycopg.pq.__impl__ == 'binary'"
+"""Fails unless the image can open a library in PostgreSQL, by a driver whose libraries are in the image."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +157,7 @@ def read_only(root: Path, configuration: dict[str, Any], library: Path) -> Itera
     places = run([*inside, "find", "/", "-xdev", "-writable", "-not", "-type", "l"], environment)
     if set(places) != {"/tmp", "/library"}:  # noqa: S108
         sys.exit(f"image: the user of the image can write to {places}")
+    subprocess.run([*inside, "python", "-c", DRIVER], env=environment, check=True)
     log = library.parent / "server.log"
     command = [*inside, *configuration["Entrypoint"], "serve", "--host", "127.0.0.1", "--port", "0", "--workers", "2"]
     with log.open("w") as stream:

@@ -2,10 +2,10 @@
 
     python -m benchmarks.release.licences [FOLDER]
 
-Needs the extra `release`. Installs the service without extras in a fresh environment, and writes its components to
-FOLDER (dist by default) as a CycloneDX document, sbom.json, and the texts of all licences, licences.txt. Writes the
-section "licences" of docs/operations.md. Exits with an error if a licence is none of those in ALLOWED, which permit to
-distribute the service under the MIT licence.
+Needs the extra `release`. Installs the service with the extra `cluster`, as the container's image does, in a fresh
+environment, and writes its components to FOLDER (dist by default) as a CycloneDX document, sbom.json, and the texts of
+all licences, licences.txt. Writes the section "licences" of docs/operations.md. Exits with an error if a licence is
+none of those in ALLOWED, which permit to distribute the service under the MIT licence.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ PAGE: Final = ROOT / "docs" / "operations.md"
 TOOLS: Final = Path(sysconfig.get_path("scripts"))
 
 ALLOWED: Final = (
-    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "HPND", "ISC", "MIT", "MIT-0", "MIT-CMU",
-    "MPL-2.0", "PSF-2.0", "Unlicense", "Zlib",
+    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "HPND", "ISC", "LGPL-3.0-only", "MIT", "MIT-0",
+    "MIT-CMU", "MPL-2.0", "PSF-2.0", "Unlicense", "Zlib",
     "BSD-2-Clause-Views", "Apache-2.0 WITH LLVM-exception", "GPL-3.0-or-later WITH GCC-exception-3.1",
     "Apache License 2.0", "Apache Software License", "BSD", "BSD License", "ISC License (ISCL)", "MIT License",
     "Mozilla Public License 2.0 (MPL 2.0)", "Python Software Foundation License",
 )  # fmt: skip
-"""SPDX expressions, and names that older packages use instead. MPL binds changes of its own files only; the exceptions
-permit to ship the compilers' libraries with any program."""
+"""SPDX expressions, and names that older packages use instead. MPL binds changes of its own files only. LGPL binds a
+library that anybody can replace, as a package of Python can. The exceptions permit to ship the compilers' libraries
+with any program."""
 
 
 def main() -> None:
@@ -41,7 +42,7 @@ def main() -> None:
     with TemporaryDirectory(prefix="unbend-licences-") as name:
         python = Path(name, "bin", "python")
         subprocess.run([TOOLS / "uv", "venv", "--quiet", "--python", sys.executable, name], check=True)
-        subprocess.run([TOOLS / "uv", "pip", "install", "--quiet", "--python", python, str(ROOT)], check=True)
+        subprocess.run([TOOLS / "uv", "pip", "install", "--quiet", "--python", python, f"{ROOT}[cluster]"], check=True)
         subprocess.run(
             [TOOLS / "cyclonedx-py", "environment", "--pyproject", str(ROOT / "pyproject.toml"), "--of", "JSON",
              "--output-reproducible", "-o", str(output / "sbom.json"), python],

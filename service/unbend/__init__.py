@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from unbend.geodesics.sampling import farthest_point_sampling
     from unbend.geodesics.voronoi import VoronoiDiagram, geodesic_voronoi
     from unbend.library import Library
+    from unbend.library.computed import compute_file
     from unbend.local.key_points import key_points
     from unbend.local.signatures import LocalSignatures, local_signatures
     from unbend.matching.measures import compare
@@ -59,6 +60,7 @@ _MODULES = {
     "compare": "unbend.matching.measures",
     "VoronoiDiagram": "unbend.geodesics.voronoi",
     "compare_parts": "unbend.matching.partial",
+    "compute_file": "unbend.library.computed",
     "compute_signature": "unbend.signature.pipeline",
     "effective_dimension": "unbend.embedding.dimension",
     "embed": "unbend.embedding.embed",
@@ -103,6 +105,7 @@ __all__ = [
     "canonical_form",
     "compare",
     "compare_parts",
+    "compute_file",
     "compute_signature",
     "effective_dimension",
     "embed",

@@ -22,6 +22,7 @@
     │   ├── StoreFullError        its disk is full
     │   ├── StoreLostError        its file was removed or replaced
     │   ├── StoreInUseError       another server runs its jobs
+    │   ├── VectorsMissingError   its database cannot search vectors
     │   └── BackupError           a file is no complete library
     ├── JobError                  a job has no result
     │   ├── JobTimeoutError       it ran longer than allowed
@@ -45,6 +46,7 @@
     ├── QueueFullError            too many jobs wait already
     ├── QuotaError                too many jobs of one key wait or run already
     ├── ExtraMissingError         a package of an extra is not installed
+    ├── ResultsError              results that were computed elsewhere cannot be used
     ├── IdempotencyError          a different request had the same idempotency key
     └── ServiceError              the service did not respond, or responded with an unknown error
 
@@ -234,6 +236,13 @@ class StoreInUseError(StoreError):
     advice = "Stop the other server first, or give this one a library of its own."
 
 
+class VectorsMissingError(StoreError):
+    """The database of the store cannot search vectors: it lacks the extension pgvector."""
+
+    code = "vectors_missing"
+    advice = "Let an administrator of the database install pgvector 0.8 or later, or set UNBEND_SEARCH=memory."
+
+
 class BackupError(StoreError):
     """A file is damaged, or is no library or backup."""
 
@@ -409,6 +418,13 @@ class ExtraMissingError(UnbendError, ImportError):
 
     code = "extra_missing"
     advice = "Install the extra that the message names."
+
+
+class ResultsError(UnbendError, ValueError):
+    """Results that were computed elsewhere are damaged, or are of another version of the algorithm."""
+
+    code = "results"
+    advice = "Compute the results again with this version of unbend."
 
 
 class IdempotencyError(UnbendError, ValueError):

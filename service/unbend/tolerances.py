@@ -164,3 +164,6 @@ FLAT_CORNER: Final = 1e-6
 
 Rounding to single precision moves corners off a line by about as much.
 """
+
+SHARES_SUM: Final = 1e-9
+"""Difference from 1 of the sum of a stored signature's shares of the area: rounding in double precision is less."""

@@ -22,9 +22,10 @@ STATUSES = {
     "mesh_missing": 422, "mesh_read": 422, "mesh_too_large": 422, "not_found": 404, "object_damaged": 500,
     "object_missing": 503, "objects_unavailable": 503, "origin_refused": 403,
     "parameter_invalid": 422, "precondition_failed": 412, "queue_full": 429, "quota_exceeded": 429,
-    "rate_limited": 429, "scope_insufficient": 403, "service": 500, "store": 503, "store_full": 507,
+    "rate_limited": 429, "results": 500, "scope_insufficient": 403, "service": 500, "store": 503, "store_full": 507,
     "store_in_use": 503, "store_lost": 503, "store_unavailable": 503, "store_version": 503, "temporary_full": 507,
-    "unsuited": 409, "upload_too_large": 413, "upload_too_slow": 408, "worker_lost": 500,
+    "unsuited": 409, "upload_too_large": 413, "upload_too_slow": 408, "vectors_missing": 503,
+    "worker_lost": 500,
 }  # fmt: skip
 """The HTTP status of every error of the package, by its code: clients depend on both."""
 

@@ -94,7 +94,7 @@ def test_a_server_reads_its_settings_from_a_file(tmp_path):
         ("workers = 'four'", ["workers is 'four'", "valid integer"]),
         ("workers = '4'", ["workers is '4'", "valid integer"]),
         ("workers = true", ["workers is True", "valid integer"]),
-        ("workers = 0", ["workers is 0", "greater than or equal to 1"]),
+        ("workers = 0", ["workers is 0", "should be at least 1"]),
         ("open = 1", ["open is 1", "valid boolean"]),
         ("library = 5", ["library: ", "valid string"]),
         ("job_seconds = inf", ["job_seconds is inf", "finite"]),

@@ -10,7 +10,18 @@ from collections.abc import Callable
 
 import httpx
 
-from tests.support.server import ENDLESS, SAMPLES, ended, endless_mesh, is_running, post_mesh, small_mesh, stored
+from tests.support.server import (
+    ENDLESS,
+    SAMPLES,
+    Server,
+    Worker,
+    ended,
+    endless_mesh,
+    is_running,
+    post_mesh,
+    small_mesh,
+    stored,
+)
 from unbend import Library
 
 ENDLESS_FIELDS = {"parameters": json.dumps(ENDLESS)}
@@ -71,6 +82,11 @@ def test_a_job_cancelled_at_any_server_loses_its_process_within_a_second(cluster
     assert stored(cluster.first, small_mesh(2), **FEW)["id"]  # the worker goes on
 
 
+def test_every_server_knows_the_capacity_of_all_workers(cluster):
+    for http in (cluster.first, cluster.second):
+        until(lambda http=http: http.get("/v1/capacity").json()["workers"] == 2)
+
+
 def test_a_request_repeated_at_the_other_server_gets_the_same_job(cluster):
     headers = {"Idempotency-Key": "the-same-upload"}
     sent = [
@@ -127,7 +143,7 @@ def test_the_limits_of_a_key_hold_for_all_servers_together_until_it_is_revoked(c
 def test_a_worker_that_stops_returns_its_job_without_an_attempt(cluster, tmp_path):
     place = job_of(post_mesh(cluster.first, endless_mesh() + b"\n" * 9, **ENDLESS_FIELDS))
     until(lambda: computing(cluster.first, place))
-    worker = type(cluster.worker)(tmp_path, library=cluster.library, workers=1, drain_seconds=0.5)
+    worker = Worker(tmp_path, library=cluster.library, workers=1, drain_seconds=0.5)
     with worker:
         cluster.worker.process.send_signal(signal.SIGSTOP)  # so that the other worker takes the next job
         other = job_of(post_mesh(cluster.second, endless_mesh() + b"\n" * 8, **ENDLESS_FIELDS))
@@ -140,7 +156,7 @@ def test_a_worker_that_stops_returns_its_job_without_an_attempt(cluster, tmp_pat
 
 
 def test_the_job_of_a_killed_worker_runs_again_elsewhere(cluster, tmp_path):
-    with type(cluster.worker)(tmp_path, library=cluster.library, workers=1, drain_seconds=0.5) as worker:
+    with Worker(tmp_path, library=cluster.library, workers=1, drain_seconds=0.5) as worker:
         os.kill(cluster.worker.process.pid, signal.SIGSTOP)
         place = job_of(post_mesh(cluster.first, endless_mesh() + b"\n" * 7, **ENDLESS_FIELDS))
         until(lambda: computing(cluster.second, place))
@@ -168,3 +184,31 @@ def test_servers_answer_503_while_the_database_is_down_and_then_go_on(cluster, p
         postgres.start()
     assert cluster.first.get(f"/v1/shapes/{shape['id']}").json() == shape
     assert stored(cluster.second, small_mesh(6), **FEW)["id"]
+
+
+OLDER = """\
+import unbend.signature.signature as module
+
+module.ALGORITHM_VERSION = "older"
+"""
+"""Makes each process that starts with it one of an earlier version, as a `sitecustomize` on Python's path."""
+
+
+def test_versions_may_be_mixed_and_each_signature_has_the_version_that_computed_it(
+    tmp_path, monkeypatch, postgres, empty_postgres_library
+):
+    library = postgres.copy(empty_postgres_library)
+    (tmp_path / "path").mkdir()
+    (tmp_path / "path" / "sitecustomize.py").write_text(OLDER)
+    with Server(tmp_path / "server", library=library, workers=0) as server, server.http() as http:
+        monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'path'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+        with Worker(tmp_path / "old", library=library, workers=1, drain_seconds=0.5):
+            first = stored(http, small_mesh(1), **FEW)
+        monkeypatch.undo()
+        with Worker(tmp_path / "new", library=library, workers=1, drain_seconds=0.5):
+            again = stored(http, small_mesh(1), **FEW)
+            other = stored(http, small_mesh(2), **FEW)
+        assert [each["version"] == "older" for each in (first, again, other)] == [True, False, False]
+        found = http.post("/v1/queries", json={"shape_id": other["id"]}).json()
+        assert [shape["id"] for shape in found["shapes"]] == [again["id"]]  # those of the other version do not compare
+    postgres.drop(library)

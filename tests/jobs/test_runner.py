@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import sqlite3
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -78,11 +77,8 @@ async def until_true(reached: Callable[[], bool]) -> None:
 
 
 def rows(library: Library, table: str) -> int:
-    connection = sqlite3.connect(library.url.removeprefix("sqlite:///"))
-    try:
-        return connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0]  # noqa: S608
-    finally:
-        connection.close()
+    with library.store.read() as connection:
+        return connection.exec_driver_sql(f"SELECT count(*) FROM {table}").scalar_one()  # noqa: S608
 
 
 def workers(besides: list[int] | tuple[int, ...] = ()) -> list[int]:
@@ -90,9 +86,10 @@ def workers(besides: list[int] | tuple[int, ...] = ()) -> list[int]:
     return [pid for pid in workers_of(os.getpid()) if pid not in besides]
 
 
-@pytest.fixture
-def library(tmp_path):
-    with Library(str(tmp_path / "library.db")) as opened:
+@pytest.fixture(params=["sqlite", "postgresql"])
+def library(request, tmp_path):
+    url = str(tmp_path / "library.db") if request.param == "sqlite" else request.getfixturevalue("postgres_url")
+    with Library(url) as opened:
         yield opened
 
 
@@ -103,10 +100,13 @@ def loop():
         yield runner.run
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory, loop):
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def shared(request, tmp_path_factory, loop):
     """A runner with one worker, for tests that leave it idle."""
-    with Library(str(tmp_path_factory.mktemp("jobs") / "library.db")) as opened:
+    url = str(tmp_path_factory.mktemp("jobs") / "library.db")
+    if request.param == "postgresql":
+        url = request.getfixturevalue("postgres").copy(request.getfixturevalue("empty_postgres_library"))
+    with Library(url) as opened:
         runner = JobRunner(opened, workers=1, limits=LIMITS)
         loop(runner.start())
         yield runner, opened
@@ -150,10 +150,10 @@ def test_the_runner_becomes_ready_and_is_alive(shared, loop):
 
     async def story() -> None:
         await until_true(lambda: runner.ready)
+        await until_true(lambda: runner.running == 0)
 
     loop(story())
     assert runner.alive
-    assert runner.running == 0
 
 
 def test_submitting_a_stored_mesh_returns_its_shape(shared, loop):
@@ -519,6 +519,7 @@ def test_stopping_waits_for_running_jobs_within_the_drain_time(library):
     assert len(library) == 1
 
 
+@pytest.mark.parametrize("library", ["sqlite"], indirect=True)  # tests/cluster kills the servers of the other
 def test_jobs_of_a_killed_server_run_again_up_to_the_limit_of_restarts(library):
     ids: list[str] = []
 

@@ -455,7 +455,7 @@ class Starts(NoObserver):
     def __init__(self) -> None:
         self.count = 0
 
-    def begun(self, job):
+    def begun(self, _job):
         self.count += 1
 
 
@@ -485,7 +485,7 @@ def test_a_job_waits_in_the_queue_for_the_object_store(tmp_path, mock_s3, monkey
 
 
 def test_a_job_returns_to_the_queue_while_its_object_is_missing(path, library, objects):
-    limits = JobLimits(drain_seconds=0.0, restarts=1)
+    limits = JobLimits(drain_seconds=0.0, restarts=2)
 
     async def run() -> list[tuple[str, str | None]]:
         runner = JobRunner(library, workers=1, limits=limits, with_parts=False)

@@ -53,6 +53,11 @@ class Postgres:
         """Drop a database, even if somebody uses it."""
         self.execute(f"DROP DATABASE {_database(url)} WITH (FORCE)")
 
+    def disconnect(self, url: str) -> None:
+        """End all connections to a database, as a restart of the server does."""
+        name = _database(url)
+        self.execute(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'")  # noqa: S608
+
     def execute(self, statement: str) -> list[tuple]:
         """Run a statement outside any transaction, in the database `postgres`."""
         import psycopg

@@ -11,11 +11,10 @@ import click
 from unbend.cli.folders.account import account_for, accounting, meshes_of, report_option
 from unbend.cli.folders.computing import Machine, machine_options
 from unbend.cli.folders.files import MeshFolder
-from unbend.cli.folders.import_options import ImportOptions
+from unbend.cli.folders.import_options import ImportOptions, check_labels, labels_option
 from unbend.cli.group import EXIT_SOME_FAILED
 from unbend.cli.options import (
     Values,
-    folder_argument,
     json_option,
     label_from_option,
     parameter_options,
@@ -29,11 +28,12 @@ if TYPE_CHECKING:
     from unbend.results.shapes import IfKnown
 
 LABELS: Final = "labels.csv"
+_KEPT: Final = "what is stored stays, and the same command continues with the other files"
 
 
 @click.command("import")
-@folder_argument
-@click.option("--labels", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="CSV: path, class.")
+@click.argument("folder", metavar="DIR", type=click.Path(exists=True, path_type=Path))
+@labels_option
 @label_from_option
 @click.option(
     "--if-known",
@@ -69,6 +69,9 @@ def import_folder(
 ) -> None:
     """Add the meshes of DIR to a library, or to a running service.
 
+    If DIR is a folder of shards by `unbend compute`, or one of them, the results are stored without computing. Their
+    parameters and policies are those of `unbend compute`. --labels and --label-from override its classes.
+
     With --labels, names, metadata, parameters and policies from `unbend export` are imported too; options override
     them. A row whose class is empty changes no class: `unbend label ID --none` removes one.
 
@@ -76,17 +79,16 @@ def import_folder(
     continues. Standard error says what happened to the files, and --report to each of them. The exit status is 4 if
     some failed.
     """
-    if labels and label_from:
-        raise click.UsageError("--labels and --label-from exclude each other")
-    if labels and not labels.is_file():
-        raise click.UsageError("--labels must be a file on disk, because it is read twice")
+    check_labels(labels, label_from)
     if url and without_parts:
         raise click.UsageError("--url and --without-parts exclude each other")
+    options = ImportOptions(parameters, policy, if_known, not without_parts, machine)
+    if _is_shards(folder):
+        _import_shards(folder, labels, label_from, report, library, url, as_json, options)
+        return
     skipped = [] if url else _files_of_library(library)
     source = MeshFolder(folder, labels, label_from == "folder", [*skipped, report] if report else skipped)
-    options = ImportOptions(parameters, policy, if_known, not without_parts, machine)
-    kept = "what is stored stays, and the same command continues with the other files"
-    with accounting(folder, report, kept=kept) as account:
+    with accounting(folder, report, kept=_KEPT) as account:
         files = meshes_of(source, account)
         if url:
             from unbend.cli.folders.import_over_http import import_over_http  # noqa: PLC0415
@@ -100,6 +102,49 @@ def import_folder(
         account_for(ended, account, "importing")
         if not labels and (folder / LABELS).is_file():
             warn(f"{folder / LABELS} exists, but is not read without --labels")
+    account.print_result("shapes imported", as_json=as_json)
+    if account.has_faults:
+        sys.exit(EXIT_SOME_FAILED)
+
+
+def _is_shards(path: Path) -> bool:
+    """Return whether results are imported; UsageError if `path` is a file, but no shard."""
+    from unbend.cli.folders.sharding import is_shards  # noqa: PLC0415
+
+    found = is_shards(path)
+    if not found and not path.is_dir():
+        raise click.UsageError(f"{path} is neither a folder nor a shard")
+    return found
+
+
+def _import_shards(
+    folder: Path,
+    labels: Path | None,
+    label_from: str | None,
+    report: Path | None,
+    library: str,
+    url: str | None,
+    as_json: bool,
+    options: ImportOptions,
+) -> None:
+    from unbend.cli.folders.import_shards import import_shards  # noqa: PLC0415
+    from unbend.cli.folders.sharding import ShardFolder  # noqa: PLC0415
+    from unbend.library.shards.index import ShardIndex  # noqa: PLC0415
+
+    if url:
+        raise ParameterError(
+            "a service takes no results: it could not check that they belong to the meshes"
+        ).with_advice(
+            "Import the shards by --library on the machine of the library, or the folder of the meshes by --url."
+        )
+    if options.parameters or options.policy:
+        raise click.UsageError("parameters and policies of shards are chosen by `unbend compute`")
+    with accounting(Path(), report, kept=_KEPT) as account, ShardIndex() as index:
+        source = ShardFolder(
+            folder, index, labels, label_from_folder=label_from == "folder", skipped=[report] if report else []
+        )
+        files = meshes_of(source, account)
+        account_for(import_shards(library, files, index, options), account, "importing")
     account.print_result("shapes imported", as_json=as_json)
     if account.has_faults:
         sys.exit(EXIT_SOME_FAILED)

@@ -10,6 +10,7 @@ from unbend import __version__
 from unbend.cli.backup import backup, restore
 from unbend.cli.compare import compare
 from unbend.cli.complete import complete
+from unbend.cli.compute import compute
 from unbend.cli.demo import demo
 from unbend.cli.evaluate import evaluate
 from unbend.cli.export import export
@@ -53,7 +54,7 @@ def main() -> None:
 
 
 for command in (
-    serve, signature, flatten, show, compare, match, transfer, symmetry, import_folder, export, list_shapes, label,
-    remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo, worker, sweep,
+    serve, signature, flatten, show, compare, match, transfer, symmetry, compute, import_folder, export, list_shapes,
+    label, remove, query, evaluate, jobs, complete, backup, restore, keys, openapi, demo, worker, sweep,
 ):  # fmt: skip
     main.add_command(command)

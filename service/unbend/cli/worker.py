@@ -42,6 +42,7 @@ def worker(context: click.Context, /, host: str, port: int, file: Path | None, *
     from unbend.api.server.logs import log_config  # noqa: PLC0415
     from unbend.api.server.serving import Server, bind  # noqa: PLC0415
     from unbend.api.worker import create_worker_app  # noqa: PLC0415
+    from unbend.library import Library  # noqa: PLC0415
     from unbend.library.storage.database import is_shared, shown_url  # noqa: PLC0415
 
     settings = read_settings(given_settings(context), file)
@@ -55,6 +56,8 @@ def worker(context: click.Context, /, host: str, port: int, file: Path | None, *
     context.call_on_close(stack.close)
     sockets = [stack.enter_context(bound) for bound in bind(host, port)]
     warn(f"unbend: library {shown_url(settings.library)}, {settings.workers} workers")
+    # Opened before, so that a library that cannot be opened is a message, and no traceback.
+    Library(settings.library, objects=settings.objects or None).close()
     app = create_worker_app(settings)
     config = uvicorn.Config(
         app, log_config=log_config(settings.log_format), access_log=False, http="h11", loop="asyncio", ws="none"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -19,11 +18,8 @@ from unbend.errors import MeshReadError, UnbendError
 from unbend.jobs.failures import typed_error
 from unbend.jobs.limits import JobLimits, limit_process
 from unbend.jobs.process import WorkerProcess
-from unbend.library.requests import UploadKey
-from unbend.library.shape_rows import ComputedShape
 from unbend.mesh.policy import MeshPolicy
 from unbend.mesh.read import read_mesh
-from unbend.mesh.sources import bytes_of
 from unbend.render.picture import render_picture
 from unbend.render.request import PictureRequest
 from unbend.signature.canonical_form import canonical_form
@@ -192,15 +188,6 @@ def dimensions_of_path(
 ) -> dict[Method, Floats]:
     """Return `moments_over_dimensions` of the mesh at `path`."""
     return moments_over_dimensions(read_mesh(path, policy=policy), parameters, threads=threads)
-
-
-def compute_upload(
-    path: Path, parameters: Parameters, policy: MeshPolicy, *, local: bool = True, threads: int = 1
-) -> ComputedShape:
-    """Read the mesh at `path` and compute what a library stores of it, with or without local signatures."""
-    file = bytes_of(path)
-    found = signature_of_file(file.data, parameters, policy, file_type=file.file_type, threads=threads, local=local)
-    return ComputedShape.of(UploadKey.of(hashlib.sha256(file.data).hexdigest(), parameters, policy), found)
 
 
 def compute_signature_file(

@@ -41,6 +41,7 @@ class Dispatcher:
         self._limits = limits
         self._execution = execution
         self._subscriptions = subscriptions
+        self._processes = pool.size
         # Claim twice as many jobs as there are workers, so that no worker waits for the store.
         self._slots = asyncio.Semaphore(2 * pool.size)
         self._wake = asyncio.Event()
@@ -100,6 +101,11 @@ class Dispatcher:
     def running(self) -> int:
         """Number of claimed jobs."""
         return len(self._running)
+
+    @property
+    def capacity(self) -> tuple[int, int]:
+        """Numbers of worker processes and of claimed jobs."""
+        return self._processes, len(self._running)
 
     def wake(self) -> None:
         """Make the dispatcher check the queue."""

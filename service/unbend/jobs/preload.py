@@ -17,7 +17,8 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 from unbend.jit import without_compiling  # noqa: E402
-from unbend.jobs import batch, worker  # noqa: E402, F401  all that workers run
+from unbend.jobs import batch, worker  # noqa: E402, F401  all that workers run, with the next module
+from unbend.library import computed  # noqa: E402, F401
 
 _PATIENCE_SECONDS: Final = 1.0
 

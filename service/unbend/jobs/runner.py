@@ -144,8 +144,13 @@ class JobRunner:
 
     @property
     def running(self) -> int:
-        """Number of claimed jobs."""
+        """Number of jobs that this process has claimed."""
         return self._dispatcher.running
+
+    @property
+    def capacity(self) -> tuple[int, int]:
+        """Numbers of worker processes and of claimed jobs, in all processes that share the library."""
+        return self._dispatcher.capacity
 
     async def submit_shape(
         self, upload: Upload, request: ShapeRequest, sender: Sender = ANONYMOUS, most_owned: int | None = None
@@ -310,7 +315,7 @@ class JobRunner:
         return await self.status(job_id)
 
     def _queue_limits(self, most_owned: int | None) -> QueueLimits:
-        return QueueLimits(self.limits.queued, most_owned, self.workers)
+        return QueueLimits(self.limits.queued, most_owned, self.capacity[0])
 
     async def _submitted(self, future: Future[NewJob | K]) -> JobRecord | K:
         """Wait until a submission is on disk; return the new job, or the existing job or shape."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
-from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, text, update
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
@@ -16,6 +16,7 @@ from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import JobRequest, UploadKey, decode_parameters, decode_policy, decode_request, kind_of
 from unbend.library.shape_rows import delete_unused_mesh, parse_cursor
 from unbend.library.storage.log_eraser import mark_erased
+from unbend.library.storage.postgres import wait_less
 from unbend.library.storage.schema import Instant, job_files, jobs
 from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
@@ -49,6 +50,20 @@ _COUNT_UNFINISHED = select(func.count()).select_from(jobs).where(_UNFINISHED, _O
 _COUNT_OWNED_BEFORE = _COUNT_QUEUED.where(_OWNED, jobs.c.seq < bindparam("seq"))
 _BY_OWNER = (
     select(jobs.c.owner, func.count().label("number")).where(jobs.c.state == bindparam("state")).group_by(jobs.c.owner)
+)
+# Steps from owner to owner through the index. To group the whole queue would take longer, the longer the queue is.
+_WAITING_OWNERS = text(
+    """
+    WITH RECURSIVE found (owner) AS (
+        SELECT min(owner) FROM jobs WHERE state = 'queued'
+        UNION ALL
+        SELECT (SELECT min(owner) FROM jobs WHERE state = 'queued' AND owner > found.owner)
+        FROM found WHERE found.owner IS NOT NULL
+    )
+    SELECT owner FROM found WHERE owner IS NOT NULL
+    UNION ALL
+    SELECT NULL WHERE EXISTS (SELECT 1 FROM jobs WHERE state = 'queued' AND owner IS NULL)
+    """
 )
 _other = jobs.alias("other")
 _EQUAL_UPLOAD_RUNS = exists().where(
@@ -238,13 +253,12 @@ def claim(connection: Connection, ticket: int | None = None) -> JobRecord | None
     """Start the next job and return it; None if no queued job can start.
 
     API keys take turns: next is the oldest job of the key with the fewest running jobs. An upload waits while an equal
-    upload runs, because it can then use the stored shape. A ticket claims one job, however often it is used.
+    upload runs, because it can then use the stored shape.
     """
-    if ticket is not None and (job := claimed(connection, ticket)):
-        return job
     seq = _next(connection)
     if seq is None:
         return None
+    wait_less(connection)  # a crash returns the job to the queue, and nobody was told of the claim's success
     values = {"chosen": seq, "ticket": ticket, "now": datetime.now(UTC)}
     row = connection.execute(_CLAIM, values).one_or_none()
     return None if row is None else _record(row)
@@ -275,7 +289,10 @@ def position(connection: Connection, job: JobRecord) -> int | None:
 
 
 def _next(connection: Connection) -> int | None:
-    running, waiting = (_by_owner(connection, state) for state in ("running", "queued"))
+    waiting = list(connection.scalars(_WAITING_OWNERS))
+    if len(waiting) == 1:  # nobody to take turns with
+        return connection.scalar(_OLDEST, {"owner": waiting[0]})
+    running = _by_owner(connection, "running")
     for count in sorted({running.get(owner, 0) for owner in waiting}):
         level = [owner for owner in waiting if running.get(owner, 0) == count]
         found: list[int | None] = [connection.scalar(_OLDEST, {"owner": owner}) for owner in level]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -83,14 +84,14 @@ class Jobs:
         StoreFullError
             If the disk has no space for the file.
         """
-        key, job_id = upload.key, job_rows.new_id()  # hashed here, not in the writer's thread
+        key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
         def submit(connection: Connection, keep: Keep) -> NewJob | JobRecord | AddedShape:
-            if earlier := _find_sent(connection, job_id, sender):
+            if earlier := _find_sent(connection, attempts, sender):
                 return earlier
             if known := shape_rows.find_shape(connection, key):
                 return shape_rows.update_known(connection, known, request)
-            return self._enqueue(connection, keep, job_id, key, upload, request, sender, limits)
+            return self._enqueue(connection, keep, attempts.job_id, key, upload, request, sender, limits)
 
         return self._files.submit(key.sha256, upload.open, submit)
 
@@ -98,11 +99,11 @@ class Jobs:
         self, upload: Upload, request: QueryRequest, sender: Sender, limits: QueueLimits
     ) -> Future[NewJob | JobRecord]:
         """Queue a query, or return the earlier job of a repeated request; raises as `submit_shape` does."""
-        key, job_id = upload.key, job_rows.new_id()  # hashed here, not in the writer's thread
+        key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
         def submit(connection: Connection, keep: Keep) -> NewJob | JobRecord:
-            earlier = _find_sent(connection, job_id, sender)
-            return earlier or self._enqueue(connection, keep, job_id, key, upload, request, sender, limits)
+            earlier = _find_sent(connection, attempts, sender)
+            return earlier or self._enqueue(connection, keep, attempts.job_id, key, upload, request, sender, limits)
 
         return self._files.submit(key.sha256, upload.open, submit)
 
@@ -122,17 +123,17 @@ class Jobs:
         QuotaError
             If the sender has `limits.owned` queued and running jobs already.
         """
-        key, job_id = UploadKey.of(shape.sha256, shape.parameters, shape.policy), job_rows.new_id()
+        key, attempts = UploadKey.of(shape.sha256, shape.parameters, shape.policy), _Attempts()
 
         def submit(connection: Connection) -> NewJob | JobRecord:
-            if earlier := _find_sent(connection, job_id, sender):
+            if earlier := _find_sent(connection, attempts, sender):
                 return earlier
             shape_rows.get_shape(connection, shape.id)
             _check_queue(connection, sender, limits)
             return NewJob(
                 job_rows.enqueue(
                     connection,
-                    job_id=job_id,
+                    job_id=attempts.job_id,
                     key=key,
                     file_type=shape.file_type,
                     request=request,
@@ -168,7 +169,14 @@ class Jobs:
 
     def claim(self, ticket: int | None = None) -> Future[JobRecord | None]:
         """Start the next job and return it; None if no queued job can start."""
-        return self._store.submit(partial(job_rows.claim, ticket=ticket))
+        runs = itertools.count()
+
+        def claim(connection: Connection) -> JobRecord | None:
+            if next(runs) and ticket is not None and (job := job_rows.claimed(connection, ticket)):
+                return job  # an earlier run of this change was committed, but its connection was lost
+            return job_rows.claim(connection, ticket)
+
+        return self._store.submit(claim)
 
     def requeue(self, job: JobRecord, cause: Cause) -> Future[None]:
         """Return a running job to its old place in the queue."""
@@ -366,9 +374,21 @@ def _check_queue(connection: Connection, sender: Sender, limits: QueueLimits) ->
         raise QuotaError(f"{limits.owned} jobs of this key wait or run already, as many as the key may have")
 
 
-def _find_sent(connection: Connection, job_id: str, sender: Sender) -> JobRecord | NewJob | None:
+class _Attempts:
+    """The runs of a submission. All add the same job, because an earlier run may have been committed."""
+
+    def __init__(self) -> None:
+        self.job_id = job_rows.new_id()
+        self._runs = itertools.count()
+
+    def find_job(self, connection: Connection) -> JobRecord | None:
+        """Return the job that an earlier run has added; begins the next run."""
+        return job_rows.find_job(connection, self.job_id) if next(self._runs) else None
+
+
+def _find_sent(connection: Connection, attempts: _Attempts, sender: Sender) -> JobRecord | NewJob | None:
     """Return the job of an earlier run of this change, or of an earlier request with the same idempotency key."""
-    if sent := job_rows.find_job(connection, job_id):
+    if sent := attempts.find_job(connection):
         return NewJob(sent)
     if not sender.idempotency:
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -10,10 +11,11 @@ from typing import Any, Self, cast, get_args
 from unbend.brief import brief, counted
 from unbend.correspondence.match import Turn, match
 from unbend.correspondence.pieces import Part
-from unbend.errors import NotFoundError, ParameterError, UnbendError, check_choice
+from unbend.errors import NotFoundError, ParameterError, ResultsError, UnbendError, check_choice
 from unbend.library.address import LibraryAddress
 from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
+from unbend.library.computed import check_computed
 from unbend.library.jobs import JobFilter, Jobs
 from unbend.library.keys import Keys
 from unbend.library.mesh_files import MeshFiles
@@ -185,6 +187,53 @@ class Library:
             return self.shapes.update_known(known, request)
         found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
         return self.shapes.submit(ComputedShape.of(upload.key, found), request, upload.open).result()
+
+    def add_computed(
+        self,
+        source: MeshSource,
+        computed: ComputedShape,
+        *,
+        name: str | None = None,
+        label: str | None = None,
+        metadata: dict[str, Any] | None = None,
+        if_known: IfKnown = "keep",
+    ) -> AddedShape:
+        """Store a mesh and what `unbend.compute_file` has computed of it in another process, without computing.
+
+        Every value is checked as if a stranger had made it. Only a computation could show that a signature belongs to
+        its surface, so take results only from processes that you trust.
+
+        Parameters
+        ----------
+        source : bytes, str, Path, binary file, Surface, pair of arrays, or mesh object
+            The mesh, as `compute_file` got it.
+        computed : ComputedShape
+            The result of `compute_file`.
+        name, label, metadata, if_known : optional
+            As for `add`.
+
+        Returns
+        -------
+        AddedShape
+            As `add` returns it.
+
+        Raises
+        ------
+        ResultsError
+            If the results are those of another mesh or of another version of the algorithm, or are invalid.
+        MeshFileError
+            If the file of the mesh cannot be opened.
+        ParameterError
+            If the name, label or metadata cannot be stored.
+        """
+        file = bytes_of(source)
+        request = ShapeRequest.of(shape_name(file.name), {"name": name, "label": label, "metadata": metadata}, if_known)
+        if hashlib.sha256(file.data).hexdigest() != computed.key.sha256:
+            raise ResultsError("the results are those of another mesh").with_advice(
+                "Give add_computed the mesh that compute_file got."
+            )
+        check_computed(computed)
+        return self.shapes.submit(computed, request, lambda: file.data).result()
 
     def get(self, shape_id: str) -> ShapeRecord:
         """Return a shape; NotFoundError if there is none of this id."""

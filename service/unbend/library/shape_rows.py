@@ -11,6 +11,7 @@ from typing import Any, Final, Self
 from sqlalchemy import Connection, String, bindparam, cast, delete, exists, func, insert, select, update
 from sqlalchemy.engine import Row
 
+from unbend.brief import assigned, brief, noted
 from unbend.errors import ChangedError, NotFoundError, ParameterError
 from unbend.library.metadata import read_metadata
 from unbend.library.packing import PackedSignature, unpack_local, unpack_signature
@@ -120,6 +121,13 @@ class ComputedShape:
     signature: PackedSignature
     area: float
     report: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        chosen = decode_parameters(self.key.parameters)
+        return brief(
+            self, f"mesh {self.key.sha256[:8]}", *assigned({"samples": chosen.samples}),
+            f"version {self.key.version}", noted(len(self.signature.warnings), "warning"),
+        )  # fmt: skip
 
     @classmethod
     def of(cls, key: UploadKey, found: FileSignature) -> Self:

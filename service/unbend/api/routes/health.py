@@ -44,11 +44,10 @@ async def readyz(service: ServiceDependency) -> Health:
 
 @router.get("/capacity")
 async def capacity(service: ServiceDependency) -> Capacity:
-    """Return the numbers of running and queued jobs."""
+    """Return the numbers of running and queued jobs, of all servers and workers that share the library."""
     runner = service.runner
-    return Capacity(
-        workers=runner.workers, running=runner.running, queued=await runner.queued(), max_queued=runner.limits.queued
-    )
+    workers, running = runner.capacity
+    return Capacity(workers=workers, running=running, queued=await runner.queued(), max_queued=runner.limits.queued)
 
 
 @router.get(

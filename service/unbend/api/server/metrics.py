@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import shutil
 import tempfile
 from collections.abc import AsyncIterator, Mapping
@@ -11,7 +12,7 @@ from typing import Final
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector, generate_latest
 
 from unbend import __version__
-from unbend.errors import StoreError
+from unbend.errors import StoreError, StoreUnavailableError
 from unbend.jobs.observer import NoObserver
 from unbend.jobs.runner import JobRunner
 from unbend.library import Library
@@ -90,10 +91,11 @@ class Metrics(NoObserver):
 
     async def text(self, runner: JobRunner, library: Library) -> bytes:
         """Return all metrics, after updating those of the queue, the library and the disks."""
-        self._queued.set(await runner.queued())
         self._running.set(runner.running)
         self._workers.set(runner.workers)
-        self._shapes.set(await asyncio.to_thread(len, library))
+        with contextlib.suppress(StoreUnavailableError):  # counters are needed most while the database is down
+            self._queued.set(await runner.queued())
+            self._shapes.set(await asyncio.to_thread(len, library))
         await asyncio.to_thread(self._update_disks, library)
         return await asyncio.to_thread(generate_latest, self.registry)
 

@@ -211,7 +211,9 @@ class Settings(BaseSettings):
 
     @field_validator("backup_folder")
     @classmethod
-    def _check_folder(cls, value: str) -> str:
+    def _check_folder(cls, value: str, info: ValidationInfo) -> str:
+        if value and is_shared(info.data.get("library", DEFAULT_LIBRARY)):
+            raise ValueError("should be empty, because pg_dump makes the backups of a library in PostgreSQL")
         if value and not Path(value).is_dir():
             raise ValueError(f"there is no folder {value}")
         return value

@@ -11,16 +11,29 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Literal, Self, get_args
+from typing import IO, Any, Literal, Protocol, Self, TypeVar, get_args
 
 import click
 
 from unbend.brief import noted
-from unbend.cli.folders.files import NO_FILE, LabelledFile, LeftOut, MeshFolder, MeshPaths, relative_name
+from unbend.cli.folders.files import NO_FILE, LabelledFile, LeftOut, relative_name
 from unbend.cli.group import EXIT_INTERRUPTED
 from unbend.cli.terminal import confirm, print_error, progress, warn, warn_of
 from unbend.errors import ParameterError
 from unbend.names import printable
+
+FileT_co = TypeVar("FileT_co", bound=LabelledFile, covariant=True)
+
+
+class MeshSet(Protocol[FileT_co]):
+    """Meshes, and the files beside them that are left out. Every iteration yields the same."""
+
+    @property
+    def emptiness(self) -> str:
+        """The error if there is no mesh; empty if that is no error."""
+
+    def __iter__(self) -> Iterator[FileT_co | LeftOut]: ...
+
 
 Outcome = Literal["new", "changed", "unchanged", "merged", "failed", "left out"]
 """The end of a file.
@@ -186,7 +199,7 @@ def accounting(folder: Path, report: Path | None, *, kept: str) -> Iterator[Acco
         account.print_counts()
 
 
-def meshes_of(source: MeshFolder | MeshPaths, account: Account) -> Iterator[LabelledFile]:
+def meshes_of(source: MeshSet[FileT_co], account: Account) -> Iterator[FileT_co]:
     """Account for the files that are left out, and return an iterator over the others; ParameterError if there is none.
 
     `account.meshes` is then their number.
@@ -196,9 +209,9 @@ def meshes_of(source: MeshFolder | MeshPaths, account: Account) -> Iterator[Labe
             account.leave_out(item)
         else:
             account.meshes += 1
-    if not account.meshes:
-        raise ParameterError(source.emptiness)
-    return (item for item in source if isinstance(item, LabelledFile))
+    if not account.meshes and (emptiness := source.emptiness):
+        raise ParameterError(emptiness)
+    return (item for item in source if not isinstance(item, LeftOut))
 
 
 def account_for(ended: Generator[Ended], account: Account, label: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import stat
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -86,7 +86,7 @@ class MeshFolder:
         return LeftOut(found, NO_MESH)
 
     def _file(self, path: Path) -> LabelledFile:
-        return LabelledFile(path, _folder_name(path) if self.label_from_folder else None)
+        return LabelledFile(path, folder_name(path) if self.label_from_folder else None)
 
     def _labelled(self, found: Iterable[Path | LeftOut], labels: Path) -> Iterator[LabelledFile | LeftOut]:
         with FirstPaths() as listed:
@@ -135,8 +135,10 @@ def read_labels(csv_path: Path, folder: Path) -> list[LabelledFile]:
     return files
 
 
-def read_rows(csv_path: Path, folder: Path) -> Iterator[LabelledFile | LeftOut]:
-    """Yield the files of a labels.csv, whose paths are relative to `folder`.
+def read_rows(
+    csv_path: Path, folder: Path, exists: Callable[[Path], bool] = Path.is_file
+) -> Iterator[LabelledFile | LeftOut]:
+    """Yield the files of a labels.csv, whose paths are relative to `folder`. `exists` tells whether there is a file.
 
     A file without a class has no label.
 
@@ -160,7 +162,7 @@ def read_rows(csv_path: Path, folder: Path) -> Iterator[LabelledFile | LeftOut]:
                     f"{csv_path}: the header has no column {min(missing)!r}; the file must be CSV in UTF-8"
                 )
             for row in rows:
-                yield _labelled(row, f"{csv_path}, line {rows.line_num}", folder)
+                yield _labelled(row, f"{csv_path}, line {rows.line_num}", folder, exists)
     except csv.Error as error:
         raise ParameterError(f"{csv_path} is not a CSV file in UTF-8: {error}") from None
     if row is None:
@@ -205,11 +207,14 @@ def _place(path: Path) -> bytes:
     return os.fsencode(os.path.normpath(path))
 
 
-def _folder_name(path: Path) -> str | None:
+def folder_name(path: Path) -> str | None:
+    """Return the class that a file has by the name of its folder; None if the folder has no name."""
     return printable(path.parent.absolute().name)[:MAX_TEXT] or None
 
 
-def _labelled(row: dict[str, str | None], place: str, folder: Path) -> LabelledFile | LeftOut:
+def _labelled(
+    row: dict[str, str | None], place: str, folder: Path, exists: Callable[[Path], bool]
+) -> LabelledFile | LeftOut:
     path, label = row.get("path"), row.get("class")
     if not path:
         raise ParameterError(f"{place}: the path is empty")
@@ -218,7 +223,7 @@ def _labelled(row: dict[str, str | None], place: str, folder: Path) -> LabelledF
         if text != printable(text):
             raise ParameterError(f"{place}: the {column} {printable(text)} is not UTF-8")
     objects = {name: _parse_object(row.get(name), f"{place}: {name}") for name in _OBJECTS}
-    if not (folder / path).is_file():
+    if not exists(folder / path):
         return LeftOut(folder / path, NO_FILE, f"{place}: there is no file {folder / path}")
     return LabelledFile(
         folder / path, label or None, row.get("name") or None, objects["metadata"], objects["parameters"] or {},

@@ -5,19 +5,19 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from unbend.cli.folders.account import Ended
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.folders.first_paths import FirstPaths
-from unbend.cli.folders.import_options import ImportOptions, description_of, kept_class
+from unbend.cli.folders.import_options import ImportOptions, description_of
+from unbend.cli.folders.import_tasks import Task, completed, failed
 from unbend.cli.options import chosen_objects
 from unbend.errors import MeshReadError, NotFoundError, ParameterError, StoreError, UnbendError
-from unbend.jobs.batch import Batch, compute_upload
+from unbend.jobs.batch import Batch
 from unbend.library import Library
+from unbend.library.computed import compute_file
 from unbend.library.requests import ShapeRequest, UploadKey
 from unbend.library.shape_rows import ComputedShape
 from unbend.mesh.policy import MeshPolicy
@@ -25,25 +25,8 @@ from unbend.names import shape_name
 from unbend.results.shapes import AddedShape, ShapeRecord
 from unbend.signature.parameters import Parameters
 
-T = TypeVar("T")
-
 Found = ShapeRecord | ComputedShape
 """The stored shape of a known file, or the results for another file."""
-
-
-@dataclass(frozen=True)
-class _Task:
-    """A file whose shape is known or being computed."""
-
-    file: LabelledFile
-    key: UploadKey | None = None
-    request: ShapeRequest | None = None
-    first: Path | None = None
-    """An earlier file that is the same shape."""
-
-    @property
-    def path(self) -> Path:
-        return self.file.path
 
 
 def import_into_library(
@@ -83,7 +66,7 @@ class _Importer:
         self._options = options
         self._running: dict[UploadKey, Future[Found]] = {}
 
-    def start(self, file: LabelledFile) -> tuple[_Task, Future[Found]]:
+    def start(self, file: LabelledFile) -> tuple[Task, Future[Found]]:
         """Return the task of a file, and the future of its shape or results. Files with equal keys share a future."""
         options = self._options
         try:
@@ -93,32 +76,32 @@ class _Importer:
             first = self._firsts.put(content, file.path)
             request = ShapeRequest.of(shape_name(file.path.name), description_of(file), options.if_known_of(first))
         except (ParameterError, MeshReadError) as error:
-            return _Task(file), _failed(error)
+            return Task(file), failed(error)
         key = UploadKey.of(sha256, parameters, policy)
-        task = _Task(file, key, request, first)
+        task = Task(file, key, request, first)
         if key not in self._running:
             if known := self._library.shapes.find(key):
-                return task, _completed(known)
-            compute = partial(compute_upload, local=options.with_parts, threads=self._batch.threads)
+                return task, completed(known)
+            compute = partial(compute_file, parts=options.with_parts, threads=self._batch.threads)
             self._running[key] = self._batch.submit(compute, file.path, parameters, policy)
         return task, self._running[key]
 
-    def store(self, task: _Task, future: Future[Found]) -> Future[AddedShape]:
+    def store(self, task: Task, future: Future[Found]) -> Future[AddedShape]:
         """Queue the storing of a task's results, or the change of its known shape."""
         if (error := future.exception()) or not task.request:
-            return _failed(error)
+            return failed(error)
         found = future.result()
         if isinstance(found, ShapeRecord):
             try:
-                return _completed(self._library.shapes.update_known(found, task.request))
+                return completed(self._library.shapes.update_known(found, task.request))
             except NotFoundError:
-                return _failed(UnbendError("its shape was removed while it was imported: import it again"))
-        return self._library.shapes.submit(found, task.request, partial(_read, task.path, found.key.sha256))
+                return failed(UnbendError("its shape was removed while it was imported: import it again"))
+        return self._library.shapes.submit(found, task.request, partial(read_again, task.path, found.key.sha256))
 
-    def end(self, task: _Task, stored: Future[AddedShape]) -> Ended:
+    def end(self, task: Task, stored: Future[AddedShape]) -> Ended:
         """Wait until a task is stored, and say what happened to its file."""
         try:
-            return _ended(task, stored.result())
+            return task.ended(stored.result())
         except StoreError:
             raise
         except (UnbendError, OSError) as error:
@@ -128,32 +111,9 @@ class _Importer:
                 self._running.pop(task.key, None)
 
 
-def _ended(task: _Task, shape: AddedShape) -> Ended:
-    ended = partial(
-        Ended, task.path, result=shape.id, taken=shape.updated, ignored=shape.ignored, warnings=shape.warnings
-    )
-    if shape.is_new:
-        return ended("new")
-    if task.first:
-        return ended("merged", str(task.first))
-    return ended("changed" if shape.updated else "unchanged", kept_class(task.file, shape))
-
-
-def _read(path: Path, sha256: str) -> bytes:
-    """Return the content of a file, which workers have read before."""
+def read_again(path: Path, sha256: str) -> bytes:
+    """Return the content of a file that workers have read before; MeshReadError if it is another."""
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != sha256:
-        raise MeshReadError("the file changed while it was imported")
+        raise MeshReadError("the file changed since it was computed")
     return data
-
-
-def _completed(result: T) -> Future[T]:
-    future: Future[T] = Future()
-    future.set_result(result)
-    return future
-
-
-def _failed(error: BaseException | None) -> Future[T]:
-    future: Future[T] = Future()
-    future.set_exception(error)
-    return future

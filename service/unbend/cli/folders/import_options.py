@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import click
+
 from unbend.cli.folders.computing import Machine
 from unbend.cli.folders.files import LabelledFile
 from unbend.cli.options import Values
@@ -16,6 +18,18 @@ from unbend.mesh.policy import MeshPolicy
 
 if TYPE_CHECKING:
     from unbend.results.shapes import IfKnown, ShapeRecord
+
+labels_option = click.option(
+    "--labels", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="CSV: path, class."
+)
+
+
+def check_labels(labels: Path | None, label_from: str | None) -> None:
+    """Check the options for classes; UsageError if they exclude each other, or the file can be read only once."""
+    if labels and label_from:
+        raise click.UsageError("--labels and --label-from exclude each other")
+    if labels and not labels.is_file():
+        raise click.UsageError("--labels must be a file on disk, because it is read twice")
 
 
 KEPT_CLASS: Final = "class kept because the row has none"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import uuid
 from collections.abc import Collection, Mapping
 from functools import partial
 from typing import Any, Final
@@ -17,10 +18,10 @@ from typing import Any, Final
 from procrastinate import App, JobContext, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
 from psycopg import Error as PsycopgError
-from psycopg_pool import PoolTimeout
+from psycopg_pool import AsyncConnectionPool, PoolTimeout
 
 from unbend.errors import NotFoundError, StoreError, WorkerLostError
-from unbend.jobs.cluster.news import News
+from unbend.jobs.cluster.news import News, WorkerNews
 from unbend.jobs.execution import RETRY_SECONDS, Execution
 from unbend.jobs.failures import describe
 from unbend.jobs.limits import JobLimits
@@ -92,6 +93,7 @@ class ClusterDispatcher:
         if self._pool.size:
             self._tasks.append(asyncio.create_task(self._take_tickets(), name="unbend dispatcher"))
             self._tasks.append(asyncio.create_task(self._recover_jobs(), name="unbend recovery"))
+            self._tasks.append(asyncio.create_task(self._report(), name="unbend report"))
 
     async def stop(self) -> None:
         """Take no more tickets, give running jobs `limits.drain_seconds`, and requeue the rest.
@@ -119,8 +121,14 @@ class ClusterDispatcher:
 
     @property
     def running(self) -> int:
-        """Number of claimed jobs."""
+        """Number of jobs that this process has claimed."""
         return len(self._running)
+
+    @property
+    def capacity(self) -> tuple[int, int]:
+        """Numbers of worker processes and of claimed jobs in the whole cluster, as last heard."""
+        heard = self._news.workers(LOST_SECONDS)
+        return sum(worker.processes for worker in heard), sum(worker.running for worker in heard)
 
     def wake(self) -> None:
         """Do nothing: PostgreSQL tells every process of a new job."""
@@ -135,6 +143,13 @@ class ClusterDispatcher:
         if job_id in self._running:
             checking = asyncio.create_task(self._check(job_id))
             checking.add_done_callback(lambda done: done.cancelled() or done.exception())
+
+    async def _report(self) -> None:
+        """Tell the servers what this worker can do."""
+        worker_id = uuid.uuid4().hex
+        while True:
+            self._news.report_worker(WorkerNews(worker_id, self._pool.size, len(self._running)))
+            await asyncio.sleep(HEARTBEAT_SECONDS)
 
     async def _check(self, job_id: str) -> None:
         current = None
@@ -170,7 +185,11 @@ class ClusterDispatcher:
     def _new_connector(self) -> PsycopgConnector:
         options = f"{self._connecting['options']} {_QUEUE_OPTIONS}"
         return PsycopgConnector(
-            kwargs={**self._connecting, "options": options}, min_size=1, max_size=self._pool.size + 4
+            kwargs={**self._connecting, "options": options},
+            min_size=1,
+            max_size=self._pool.size + 4,
+            # Without a test of each connection before its use: this dispatcher begins again when one is lost.
+            pool_factory=lambda **arguments: AsyncConnectionPool(**arguments | {"check": None}),
         )
 
     async def _send_heartbeats(self, context: JobContext) -> None:

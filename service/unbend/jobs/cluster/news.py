@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 import json
 import logging
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from psycopg import AsyncConnection, Error, sql
@@ -22,8 +23,21 @@ logger = logging.getLogger("unbend.jobs")
 _PUBLISH_SECONDS: Final = 0.25
 """Shortest time between two announcements of progress: clients get no more events either."""
 
+_TAKEN_AWAY: Final = frozenset({"queued", "cancelled"})
+"""States that a running job gets from others than its worker."""
+
 _LISTEN: Final = sql.SQL("LISTEN {}").format(sql.Identifier(CHANNEL))
 _PUBLISH: Final = "SELECT pg_notify(%s, payload) FROM unnest(%s::text[]) AS payload"
+
+
+@dataclass(frozen=True)
+class WorkerNews:
+    """The size and the load of a worker, which it tells with each heartbeat."""
+
+    id: str
+    processes: int
+    running: int
+    """Number of claimed jobs."""
 
 
 class News:
@@ -40,15 +54,16 @@ class News:
         self._connecting = connecting
         self._subscriptions = subscriptions
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._unsent: dict[str, Progress] = {}
+        self._unsent: dict[str, str] = {}  # payloads, by what they are about; a later one replaces an earlier one
+        self._workers: dict[str, tuple[float, WorkerNews]] = {}
         self._has_unsent = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
-    def start(self, changed: Callable[[str], None]) -> None:
-        """Start to listen, and to publish progress; `changed` takes the id of a job that may have another state."""
+    def start(self, taken: Callable[[str], None]) -> None:
+        """Start to listen, and to publish progress; `taken` takes the id of a job that may run no longer."""
         self._loop = asyncio.get_running_loop()
         self._tasks = [
-            asyncio.create_task(self._listen(changed), name="unbend news"),
+            asyncio.create_task(self._listen(taken), name="unbend news"),
             asyncio.create_task(self._publish(), name="unbend progress"),
         ]
 
@@ -61,23 +76,40 @@ class News:
     def report(self, job_id: str, progress: Progress) -> None:
         """Tell the subscribers of all processes the progress of a job; safe in any thread."""
         self._subscriptions.report(job_id, progress)
-        self._unsent[job_id] = progress
+        self._send(job_id, {"job": job_id, "progress": asdict(progress)})
+
+    def report_worker(self, worker: WorkerNews) -> None:
+        """Tell all processes that a worker runs; safe in any thread."""
+        self._send(worker.id, {"worker": asdict(worker)})
+
+    def workers(self, seconds: float) -> list[WorkerNews]:
+        """Return the workers that were heard of within the last `seconds`, this process's too."""
+        oldest = time.monotonic() - seconds
+        self._workers = {each: heard for each, heard in self._workers.items() if heard[0] >= oldest}
+        return [worker for _, worker in self._workers.values()]
+
+    def _send(self, about: str, payload: Mapping[str, Any]) -> None:
+        self._unsent[about] = json.dumps(payload)
         if self._loop:
             self._loop.call_soon_threadsafe(self._has_unsent.set)
 
-    async def _listen(self, changed: Callable[[str], None]) -> None:
+    async def _listen(self, taken: Callable[[str], None]) -> None:
         while True:
             with contextlib.suppress(Error):
                 async with await AsyncConnection.connect(**self._connecting, autocommit=True) as connection:
                     await connection.execute(_LISTEN)
                     self._subscriptions.notify_all()  # of whatever was announced while this process did not listen
                     async for each in connection.notifies():
-                        self._hear(each.payload, changed)
+                        self._hear(each.payload, taken)
             logger.warning("the connection for news of jobs was lost; trying again")
             await asyncio.sleep(RETRY_SECONDS)
 
-    def _hear(self, payload: str, changed: Callable[[str], None]) -> None:
+    def _hear(self, payload: str, taken: Callable[[str], None]) -> None:
         heard = json.loads(payload)
+        if "worker" in heard:
+            worker = WorkerNews(**heard["worker"])
+            self._workers[worker.id] = time.monotonic(), worker
+            return
         job_id = heard["job"]
         if "progress" in heard:
             self._subscriptions.report(job_id, Progress(**heard["progress"]))
@@ -85,7 +117,8 @@ class News:
         if heard["state"] != "running":
             self._subscriptions.discard(job_id)
         self._subscriptions.notify_state(job_id)
-        changed(job_id)
+        if heard["state"] in _TAKEN_AWAY:
+            taken(job_id)
 
     async def _publish(self) -> None:
         while True:
@@ -101,4 +134,4 @@ class News:
         """Return what to publish, and forget it."""
         self._has_unsent.clear()
         unsent, self._unsent = self._unsent, {}
-        return [json.dumps({"job": job_id, "progress": asdict(each)}) for job_id, each in unsent.items()]
+        return list(unsent.values())

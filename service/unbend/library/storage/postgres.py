@@ -61,8 +61,8 @@ def open_postgres(address: URL) -> Engine:
         connect_args=_CONNECTING,
         pool_size=_CONNECTIONS,
         max_overflow=_MORE_CONNECTIONS,
+        # No test of a connection before its use: transactions run again if a restart of the server has ended it.
         pool_timeout=_WAIT_SECONDS,
-        pool_pre_ping=True,  # replaces connections that a restart of the server has ended
     )
 
 
@@ -104,6 +104,13 @@ def lock(connection: Connection, name: str) -> None:
         connection.execute(_LOCK, {"name": f"unbend {name}"})
 
 
+def wait_less(connection: Connection) -> None:
+    """Let the commit of this transaction not wait for the disk: a crash of the database may undo it."""
+    if connection.dialect.name == "postgresql":
+        connection.execute(_WAIT_LESS)
+
+
+_WAIT_LESS: Final = text("SET LOCAL synchronous_commit = off")
 _VERSION: Final = text("SELECT current_setting('server_version_num')::integer / 10000")
 _LOCK: Final = text("SELECT pg_advisory_xact_lock(hashtextextended(:name, 0))")
 

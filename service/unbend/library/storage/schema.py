@@ -47,6 +47,9 @@ class Instant(TypeDecorator[datetime]):
         return None if value is None else datetime.fromtimestamp(value, UTC)
 
 
+Serial = BigInteger().with_variant(Integer, "sqlite")
+"""A number that grows for ever. In SQLite every integer has 64 bits, and only the type Integer counts by itself."""
+
 meshes = Table(
     "meshes",
     metadata,
@@ -155,7 +158,7 @@ removals = Table(
 jobs = Table(
     "jobs",
     metadata,
-    Column("seq", Integer, primary_key=True, autoincrement=True),
+    Column("seq", Serial, primary_key=True, autoincrement=True),
     Column("id", String(32), nullable=False, unique=True),
     Column("kind", String, nullable=False),
     Column("state", String, nullable=False),

@@ -42,6 +42,7 @@ def classify(
     query: Singles,
     distances: Floats,
     classifier: str = DEFAULT_CLASSIFIER,
+    absent: Floats | None = None,
 ) -> Classification:
     """Sort the classes of `gallery` by the probability that `query` belongs to them.
 
@@ -55,6 +56,8 @@ def classify(
         Distances from the query to each row of the gallery under `measure`. Rows at infinite distance are excluded. Use
         this for removed rows, and for the row of the query itself if it is stored.
     classifier : str, default "nearest"
+    absent : (c,) float64, optional
+        Distances of classes without members in the gallery, which lower the confidences of the others.
 
     Returns
     -------
@@ -76,12 +79,14 @@ def classify(
         return Classification([], None)
     calibration = calibration_of(measure.name)
     dissimilarities = scores.dissimilarities[present]
+    every = dissimilarities if absent is None else np.concatenate([dissimilarities, absent])
+    shares = confidences(every, calibration.exponents[chosen.name])[: len(present)]
     ordered = sorted(
         zip(
             dissimilarities.tolist(),
             (gallery.labels[code] for code in present),
             scores.distances[present].tolist(),
-            confidences(dissimilarities, calibration.exponents[chosen.name]).tolist(),
+            shares.tolist(),
             strict=True,
         )
     )

@@ -17,6 +17,9 @@ def upgrade() -> None:
     comment(NEW, OLD)
     if op.get_context().dialect.name == "postgresql":
         store_files("EXTERNAL")  # PostgreSQL reads a compressed value whole
+        for table, column in (("jobs", "seq"), ("job_files", "job_seq")):
+            op.alter_column(table, column, type_=sa.BigInteger())
+        op.execute("ALTER SEQUENCE jobs_seq_seq AS bigint")
         op.create_table(
             "request_rates",
             sa.Column("caller", sa.String(), nullable=False),
@@ -31,6 +34,9 @@ def upgrade() -> None:
 def downgrade() -> None:
     if op.get_context().dialect.name == "postgresql":
         op.drop_table("request_rates")
+        op.execute("ALTER SEQUENCE jobs_seq_seq AS integer")
+        for table, column in (("jobs", "seq"), ("job_files", "job_seq")):
+            op.alter_column(table, column, type_=sa.Integer())
         store_files("EXTENDED")
     comment(OLD, NEW)
     op.drop_column("jobs", "ticket")

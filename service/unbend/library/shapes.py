@@ -120,7 +120,8 @@ class Shapes:
         """
 
         def add(connection: Connection, keep: Keep) -> AddedShape:
-            shape_rows.lock_shapes(connection)  # before the lock of the object, as a removal does
+            if not self._files.are_in_database:
+                shape_rows.lock_shapes(connection)  # before the lock of the object, as a removal does
             if known := shape_rows.find_shape(connection, computed.key):
                 return shape_rows.update_known(connection, known, request)
             keep(connection)

@@ -95,7 +95,9 @@ def sweep(library: Library, *, delete: bool = False, grace: timedelta = GRACE) -
     if delete and found.orphans:
         for start in range(0, len(found.orphans), _PAGE):
             library.store.change(partial(_queue, hashes=found.orphans[start : start + _PAGE]))
-        found = replace(found, deleted=deletions.run())
+        deletions.run()
+        left = library.store.load(partial(_queued, hashes=found.orphans))
+        found = replace(found, deleted=len(found.orphans) - left)
     return found
 
 
@@ -185,6 +187,12 @@ def _is_needed(connection: Connection, sha256: str) -> bool:
 def _queue(connection: Connection, hashes: Sequence[str]) -> None:
     for sha256 in sorted(hashes):
         object_rows.queue_deletion(connection, sha256)
+
+
+def _queued(connection: Connection, hashes: Sequence[str]) -> int:
+    """Return how many of some deletions still wait."""
+    waiting = set(connection.scalars(select(object_deletions.c.sha256)))
+    return len(waiting.intersection(hashes))
 
 
 def _page(connection: Connection, home: Home, last: str) -> list[tuple[str, int]]:

@@ -36,7 +36,7 @@ class ObjectDeletions:
         self._changes = changes
         self._objects = objects
         self._woken, self._closed = threading.Event(), threading.Event()
-        self._lock = threading.Lock()
+        self._lock, self._running = threading.Lock(), threading.Lock()
         self._thread: threading.Thread | None = None
 
     def wake(self) -> None:
@@ -48,13 +48,26 @@ class ObjectDeletions:
                 self._thread.start()
 
     def run(self) -> int:
-        """Carry out all queued deletions, and return their number.
+        """Carry out all queued deletions, and return their number; those of the own thread end first.
 
         Raises
         ------
         StoreError
             If the object store or the database fails. The deletions then stay in the queue.
         """
+        with self._running:
+            return self._run()
+
+    def close(self) -> None:
+        """Carry out the queued deletions once more if there were any, and stop. Failed ones stay in the queue."""
+        self._closed.set()
+        self._woken.set()
+        with self._lock:
+            thread: Any = self._thread
+        if thread is not None:
+            thread.join()
+
+    def _run(self) -> int:
         count, claim = 0, uuid.uuid4().hex
         while hashes := self._changes.change(partial(claim_deletions, claim=claim)):
             try:
@@ -65,15 +78,6 @@ class ObjectDeletions:
             self._changes.change(partial(finish_deletions, claim=claim))
             count += len(hashes)
         return count
-
-    def close(self) -> None:
-        """Carry out the queued deletions once more if there were any, and stop. Failed ones stay in the queue."""
-        self._closed.set()
-        self._woken.set()
-        with self._lock:
-            thread: Any = self._thread
-        if thread is not None:
-            thread.join()
 
     def _work(self) -> None:
         pause = _FIRST_PAUSE

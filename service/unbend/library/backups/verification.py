@@ -30,7 +30,7 @@ _PIECE: Final = 2**20
 _ID: Final = re.compile(r"[0-9a-f]{32}")
 _HASH: Final = re.compile(r"[0-9a-f]{64}")
 _FEATURES: Final = {"trigger": "a trigger", "view": "a view"}
-_STORED: Final = {"INTEGER": ("integer",), "FLOAT": ("real", "integer"), "BLOB": ("blob",)}
+_STORED: Final = {"INTEGER": ("integer",), "BIGINT": ("integer",), "FLOAT": ("real", "integer"), "BLOB": ("blob",)}
 """SQLite's storage classes by column type; columns of all other types store text."""
 
 _LATEST: Final = 253_402_300_799.0

@@ -15,6 +15,9 @@ import pytest
 
 from tests.support.commands import in_process
 from tests.support.server import Server, stored
+from unbend import Library, Parameters
+from unbend.library.jobs import ANONYMOUS, QueueLimits
+from unbend.library.requests import ShapeRequest, Upload
 
 TETRAHEDRON = b"4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 %d\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 FEW = '{"samples": 4}'
@@ -126,3 +129,27 @@ def test_a_sweep_by_command(http, folder, objects_server):
     found = in_process(*sweep)
     assert found.returncode == 4
     assert f"mesh {hashlib.sha256(data).hexdigest()} has no object" in found.stderr
+
+
+def test_a_job_waits_in_the_queue_for_the_object_store(tmp_path, mock_s3, monkeypatch):
+    for name, value in mock_s3.environment.items():
+        monkeypatch.setenv(name, value)
+    bucket, limits = mock_s3.new(), QueueLimits(queued=1)
+    upload = Upload(b"OFF\n" + TETRAHEDRON % 6, "off", Parameters(samples=4))
+    with Library(str(tmp_path / "library.db"), objects=bucket) as library:
+        job_id = library.jobs.submit_shape(upload, ShapeRequest("a"), ANONYMOUS, limits).result().job.id
+    mock_s3.refuse()
+    try:
+        with Server(tmp_path, workers=1, objects=bucket) as server, server.http() as http:
+            end = time.monotonic() + 60
+            while server.log.read_text().count("the job returns to the queue") < 2:
+                assert time.monotonic() < end
+                time.sleep(0.05)
+            with closing(sqlite3.connect(server.library)) as connection:
+                assert connection.execute("SELECT restarts, state IN ('queued', 'running') FROM jobs").fetchall() == [
+                    (0, 1)
+                ]
+            mock_s3.accept()
+            assert http.get(f"/v1/jobs/{job_id}", params={"wait": 30}).json()["state"] == "succeeded"
+    finally:
+        mock_s3.accept()

@@ -29,7 +29,6 @@ from unbend.errors import (
     ParameterError,
 )
 from unbend.jobs.limits import JobLimits
-from unbend.jobs.observer import NoObserver
 from unbend.jobs.runner import JobRunner
 from unbend.library.backups.backup import restore, verify
 from unbend.library.jobs import ANONYMOUS, NewJob, QueueLimits
@@ -447,41 +446,6 @@ def test_killed_processes_leave_nothing_that_the_next_one_does_not_mend(url, obj
         assert hashes(library.store.objects) == set()
         for _, _, data in CRASHES:
             assert library.mesh(add(library, data)) == data
-
-
-class Starts(NoObserver):
-    """Counts the starts of jobs."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def begun(self, _job):
-        self.count += 1
-
-
-def test_a_job_waits_in_the_queue_for_the_object_store(tmp_path, mock_s3, monkeypatch):
-    for name, value in mock_s3.environment.items():
-        monkeypatch.setenv(name, value)
-    starts, limits = Starts(), JobLimits(drain_seconds=0.0, restarts=1)
-
-    async def run(library: Library) -> tuple[int, str]:
-        runner = JobRunner(library, workers=1, limits=limits, observer=starts, with_parts=False)
-        job = await runner.submit_shape(Upload(DATA, "off", Parameters(samples=4)), ShapeRequest("a"))
-        await asyncio.to_thread(mock_s3.refuse)
-        await runner.start()
-        try:
-            while starts.count < 3:  # more than the limit of restarts, which counts none of these
-                await asyncio.sleep(0.05)
-            assert (await runner.status(job.id)).restarts == 0
-            await asyncio.to_thread(mock_s3.accept)
-            ended = await runner.wait(job.id, 60.0)
-            return ended.restarts, ended.state
-        finally:
-            await asyncio.to_thread(mock_s3.accept)
-            await runner.stop()
-
-    with Library(str(tmp_path / "library.db"), objects=mock_s3.new()) as library:
-        assert asyncio.run(run(library)) == (0, "succeeded")
 
 
 def test_a_job_returns_to_the_queue_while_its_object_is_missing(path, library, objects):

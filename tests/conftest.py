@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support.object_store import MockS3, running_mock_s3
 from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import Server
 from unbend import Library
@@ -122,6 +123,13 @@ def postgres_url(postgres: Postgres, empty_postgres_library: str) -> Iterator[st
     url = postgres.copy(empty_postgres_library)
     yield url
     postgres.drop(url)
+
+
+@pytest.fixture(scope="session")
+def mock_s3() -> Iterator[MockS3]:
+    """A running server that answers like S3."""
+    with running_mock_s3() as running:
+        yield running
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,10 @@
     │   ├── UnsuitedError         it is in its range, but the mesh or the library does not allow it
     │   └── ExistsError           a file or a library is there already, and would be replaced
     ├── StoreError                the store of the library fails
+    │   ├── StoreUnavailableError  its database does not answer now
+    │   │   └── ObjectsUnavailableError  its object store does not answer now, or refuses
+    │   │       └── ObjectMissingError   the object store has no such object
+    │   ├── ObjectDamagedError    the object store has other bytes than those that were stored
     │   ├── NotFoundError         no such record
     │   ├── ChangedError          the record was changed since the caller read it
     │   ├── StoreVersionError     another version made the store
@@ -170,6 +174,27 @@ class StoreUnavailableError(StoreError):
     def __init__(self, message: str, retry_after: int = 2) -> None:
         super().__init__(message)
         self.retry_after = retry_after
+
+
+class ObjectsUnavailableError(StoreUnavailableError):
+    """The object store of the library does not answer now, or refuses; retry after `retry_after` seconds."""
+
+    code = "objects_unavailable"
+    advice = "Try again in a few seconds; if it lasts, check the object store, its credentials and the network."
+
+
+class ObjectMissingError(ObjectsUnavailableError):
+    """The object store has no object for a mesh of the library."""
+
+    code = "object_missing"
+    advice = "Check the address of the object store, or put the object back from a backup; `unbend sweep` lists all."
+
+
+class ObjectDamagedError(StoreError):
+    """An object has other bytes than those that were stored."""
+
+    code = "object_damaged"
+    advice = "Put the object back from a backup of the object store, or remove the shape and send its file again."
 
 
 class NotFoundError(StoreError, LookupError):

@@ -17,7 +17,8 @@ from unbend.errors import ParameterError
 from unbend.library.storage.database import shown_url
 
 OTHERS = {  # a value for each setting that differs from its default
-    "library": "other.db", "migrate": False, "workers": 3, "max_upload_mb": 5, "max_queued": 7, "job_seconds": 1.5,
+    "library": "other.db", "migrate": False, "objects": "file:///srv/meshes", "workers": 3, "search": "memory",
+    "max_upload_mb": 5, "max_queued": 7, "job_seconds": 1.5,
     "job_memory_mb": 2048, "drain_seconds": 0, "log_format": "json", "traces": "http://localhost:4318", "open": True,
     "max_arriving_mb": 6, "transfer_seconds": 8.5, "stall_seconds": 2.5, "head_seconds": 3.5, "max_connections": 99,
     "max_waiting": 11, "max_vertices": 12, "max_faces": 13,

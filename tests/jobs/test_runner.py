@@ -392,7 +392,7 @@ def test_a_job_that_loses_two_workers_fails(shared, loop):
 def test_calls_on_stored_meshes_return_results_and_raise_typed_errors(shared, loop):
     runner, library = shared
     shape = library.add(small_mesh(5), parameters=FEW)
-    mesh = StoredMesh(library.url, shape.sha256, "ply", READ)
+    mesh = StoredMesh(library.address, shape.sha256, "ply", READ)
     geodesics = loop(runner.call(geodesics_from, mesh, "spherical", 0))
     assert geodesics.distances[0] == 0.0
     assert len(geodesics.distances) == 60
@@ -400,7 +400,7 @@ def test_calls_on_stored_meshes_return_results_and_raise_typed_errors(shared, lo
     with pytest.raises(ParameterError):
         loop(runner.call(geodesics_from, mesh, "spherical", 60))
     with pytest.raises(NotFoundError):
-        loop(runner.call(convert, StoredMesh(mesh.library_url, "0" * 64, "ply", READ), "off"))
+        loop(runner.call(convert, StoredMesh(mesh.library, "0" * 64, "ply", READ), "off"))
 
 
 def test_an_unknown_job_is_not_found(shared, loop):
@@ -459,7 +459,7 @@ def test_a_job_beyond_its_time_limit_fails_and_the_next_job_runs(library):
         with pytest.raises(JobTimeoutError, match=r"4\.5 seconds"):
             await runner.call(time.sleep, PATIENCE)
         shape = library.page().items[0]
-        mesh = StoredMesh(library.url, shape.sha256, "ply", READ)
+        mesh = StoredMesh(library.address, shape.sha256, "ply", READ)
         assert (await call_until_in_time(runner, convert, mesh, "off")).startswith(b"OFF")
 
     run_with(library, JobLimits(seconds=4.5, call_seconds=4.5, drain_seconds=0.0), story)

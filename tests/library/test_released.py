@@ -158,7 +158,7 @@ def test_every_job_of_an_old_library_is_kept_and_queued_jobs_can_be_computed(old
             assert job.created_at.timestamp() == row["created_at"]
         with library.store.write() as connection:
             job = job_rows.claim(connection)
-        mesh = StoredMesh(library.url, job.mesh_sha256, job.file_type, job.policy)
+        mesh = StoredMesh(library.address, job.mesh_sha256, job.file_type, job.policy)
         assert compute_query(mesh, job.parameters).signature.points.shape == (6, 3)
         assert job.request.name == "waiting"
 

@@ -29,7 +29,8 @@ def backup(destination: Path, library: str, force: bool, verify_only: bool, as_j
     """Copy a library, which may be in use, into the file DEST.
 
     DEST is one checked state of the library, and appears complete or not at all. It contains everything: files, hashes
-    of API keys, and jobs. The check reads every row.
+    of API keys, and jobs; but not the files in an object store, which needs a backup of its own. The check reads every
+    row.
     """
     from unbend.library.backups.backup import backup as make_backup  # noqa: PLC0415
     from unbend.library.backups.backup import verify  # noqa: PLC0415
@@ -41,7 +42,7 @@ def backup(destination: Path, library: str, force: bool, verify_only: bool, as_j
         check_library(library)
         found = make_backup(library, destination, overwrite=force)
         text = f"{counted(found.shapes, 'shape')}, {found.size} bytes, checked"
-    confirm(_as_json(found), f"{found.path}: {text}", as_json=as_json)
+    confirm(_as_json(found), f"{found.path}: {text}{_elsewhere(found)}", as_json=as_json)
 
 
 @click.command()
@@ -58,7 +59,13 @@ def restore(source: Path, library: str, force: bool, as_json: bool) -> None:
     from unbend.library.backups.backup import restore as replace_library  # noqa: PLC0415
 
     made = replace_library(source, library, overwrite=force)
-    confirm(_as_json(made), f"{made.path}: {counted(made.shapes, 'shape')}, as in {source}", as_json=as_json)
+    text = f"{counted(made.shapes, 'shape')}, as in {source}{_elsewhere(made)}"
+    confirm(_as_json(made), f"{made.path}: {text}", as_json=as_json)
+
+
+def _elsewhere(found: Backup) -> str:
+    """Return what a backup does not contain."""
+    return f"; {counted(found.elsewhere, 'file')} in the object store" if found.elsewhere else ""
 
 
 def _as_json(found: Backup) -> dict[str, object]:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.options import json_option, library_option
+from unbend.cli.options import chosen_objects, json_option, library_option, objects_option
 from unbend.cli.terminal import confirm, prepare_kernels, progress
 from unbend.names import printable
 
 
 @click.command()
 @library_option
+@objects_option
 @click.option(
     "--write",
     "folder",
@@ -33,7 +34,7 @@ def _store(url: str) -> int:
     from unbend.mesh.shapes import DEMO_COUNT, demo_shapes  # noqa: PLC0415
 
     prepare_kernels()
-    with Library(url) as library:
+    with Library(url, objects=chosen_objects()) as library:
         if len(library) >= DEMO_COUNT:
             return len(library)
         with progress(demo_shapes(), "computing demo shapes", DEMO_COUNT) as bar:

@@ -30,6 +30,7 @@ from unbend.cli.remove import remove
 from unbend.cli.serve import serve
 from unbend.cli.show import show
 from unbend.cli.signature import signature
+from unbend.cli.sweep import sweep
 from unbend.cli.symmetry import symmetry
 from unbend.cli.transfer import transfer
 from unbend.cli.worker import worker
@@ -41,6 +42,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 _ENVIRONMENT = """\b
 Environment:
   UNBEND_LIBRARY  the library, if --library is not given
+  UNBEND_OBJECTS  its object store, if --objects is not given
   UNBEND_URL      the address of a service, if --url is not given
   UNBEND_API_KEY  the key that is sent to the service
   UNBEND_CONFIG   the file of settings of `unbend serve`
@@ -56,6 +58,6 @@ def main() -> None:
 for command in (
     serve, signature, flatten, show, compare, match, transfer, symmetry, compute, import_folder, export, list_shapes,
     label, remove, query, evaluate, jobs, complete, backup, restore, migrate, migrate_library,
-    keys, openapi, demo, worker, index,
+    keys, openapi, demo, worker, index, sweep,
 ):  # fmt: skip
     main.add_command(command)

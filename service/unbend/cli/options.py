@@ -83,9 +83,34 @@ url_option = click.option(
 )
 
 
+_OBJECTS: Final = "unbend.objects"
+
+
+def _note_objects(context: click.Context, _option: click.Parameter, value: str | None) -> None:
+    context.meta[_OBJECTS] = value or None
+
+
+objects_option = click.option(
+    "--objects",
+    metavar="URL",
+    envvar="UNBEND_OBJECTS",
+    show_envvar=True,
+    expose_value=False,
+    callback=_note_objects,
+    help="Object store for the files of meshes, such as s3://bucket/prefix; the library by default.",
+)
+
+
+def chosen_objects() -> str | None:
+    """Return the object store that --objects of the present command names; None for none."""
+    context = click.get_current_context(silent=True)
+    objects: str | None = context.meta.get(_OBJECTS) if context else None
+    return objects
+
+
 def place_options(command: F) -> F:
-    """Add --library and --url, of which the command receives one, and None for the other."""
-    return library_option(url_option(command))
+    """Add --library, --objects and --url. The command receives --library or --url, and None for the other."""
+    return library_option(objects_option(url_option(command)))
 
 
 def measure_option(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, Union
 
 from unbend.cli.mesh_file import compute_file
-from unbend.cli.options import PART_MEASURES, Values
+from unbend.cli.options import PART_MEASURES, Values, chosen_objects
 from unbend.cli.terminal import warn_of
 from unbend.names import is_shape_id, printable
 
@@ -60,7 +60,7 @@ def open_library(url: str) -> Iterator[Library]:
     from unbend.library import Library  # noqa: PLC0415
 
     check_library(url)
-    with Library(url) as library:
+    with Library(url, objects=chosen_objects()) as library:
         yield library
 
 

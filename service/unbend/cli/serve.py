@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from unbend.cli.options import library_option
+from unbend.cli.options import chosen_objects, library_option, objects_option
 from unbend.cli.terminal import warn
 from unbend.errors import ExposedError
 
@@ -48,6 +48,7 @@ config_option = click.option(
     "--port", type=click.IntRange(0, 65535), default=8000, show_default=True, help="Port; 0 for any free one."
 )
 @library_option
+@objects_option
 @workers_option
 @click.option("--open", is_flag=True, help="Serve everybody as long as the library has no keys.")
 @config_option
@@ -115,10 +116,11 @@ def _must_be_safe(settings: Settings, host: str) -> None:
 
 def given_settings(context: click.Context) -> dict[str, Any]:
     """Return the settings from options; `read_settings` reads the environment."""
+    params = {**context.params, "objects": chosen_objects()}
     return {
-        name: context.params[name]
-        for name in ("library", "workers", "open")
-        if name in context.params and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        name: params[name]
+        for name in ("library", "objects", "workers", "open")
+        if name in params and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }
 
 

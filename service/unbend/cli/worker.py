@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from unbend.cli.options import library_option
+from unbend.cli.options import library_option, objects_option
 from unbend.cli.serve import config_option, given_settings, workers_option
 from unbend.cli.terminal import warn
 from unbend.errors import ParameterError
@@ -15,6 +15,7 @@ from unbend.errors import ParameterError
 
 @click.command()
 @library_option
+@objects_option
 @workers_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address or name to listen at.")
 @click.option(
@@ -39,9 +40,9 @@ def worker(context: click.Context, /, host: str, port: int, file: Path | None, *
 
     from unbend.api.server.configuration import read_settings  # noqa: PLC0415
     from unbend.api.server.logs import log_config  # noqa: PLC0415
+    from unbend.api.server.opening import open_library  # noqa: PLC0415
     from unbend.api.server.serving import Server, bind  # noqa: PLC0415
     from unbend.api.worker import create_worker_app  # noqa: PLC0415
-    from unbend.library import Library  # noqa: PLC0415
     from unbend.library.storage.database import is_shared, shown_url  # noqa: PLC0415
 
     settings = read_settings(given_settings(context), file)
@@ -55,7 +56,8 @@ def worker(context: click.Context, /, host: str, port: int, file: Path | None, *
     context.call_on_close(stack.close)
     sockets = [stack.enter_context(bound) for bound in bind(host, port)]
     warn(f"unbend: library {shown_url(settings.library)}, {settings.workers} workers")
-    Library(settings.library).close()  # so that a library that cannot be opened is a message, and no traceback
+    # Opened before, so that a library that cannot be opened is a message, and no traceback.
+    open_library(settings).close()
     app = create_worker_app(settings)
     config = uvicorn.Config(
         app, log_config=log_config(settings.log_format), access_log=False, http="h11", loop="asyncio", ws="none"

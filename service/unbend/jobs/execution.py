@@ -13,7 +13,14 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Final, TypeVar
 
-from unbend.errors import NotFoundError, StoreError, StoreUnavailableError, WorkerLostError
+from unbend.errors import (
+    NotFoundError,
+    ObjectMissingError,
+    ObjectsUnavailableError,
+    StoreError,
+    StoreUnavailableError,
+    WorkerLostError,
+)
 from unbend.jobs.failures import describe, typed_error
 from unbend.jobs.limits import JobLimits
 from unbend.jobs.observer import CURRENT_JOB, JobObserver
@@ -21,6 +28,7 @@ from unbend.jobs.pool import WorkerPool
 from unbend.jobs.subscriptions import Subscriptions
 from unbend.jobs.worker import StoredMesh, compute_query, compute_shape, make_file
 from unbend.library import Library
+from unbend.library.job_rows import Cause
 from unbend.library.records import JobFile, JobRecord
 from unbend.library.requests import FileRequest, QueryRequest, UploadKey
 from unbend.progress import Progress
@@ -97,10 +105,12 @@ class Execution:
                 return
             ended = await self._fail(job, error)
         except StoreUnavailableError as error:
-            if job.restarts < self._limits.restarts:
+            waits = isinstance(error, ObjectsUnavailableError) and not isinstance(error, ObjectMissingError)
+            if waits or job.restarts < self._limits.restarts:
                 logger.warning("the job returns to the queue: %s", error)
                 await asyncio.sleep(RETRY_SECONDS)
-                await self.retry(partial(self._jobs.requeue, job, "server lost"))
+                cause: Cause = "objects unavailable" if waits else "server lost"
+                await self.retry(partial(self._jobs.requeue, job, cause))
                 return
             ended = await self._fail(job, error)
         except Exception as error:  # noqa: BLE001  any error fails this job only
@@ -119,7 +129,7 @@ class Execution:
 
     async def _complete(self, job: JobRecord) -> JobRecord | None:
         """Compute a job and store its result; None if the job was cancelled or requeued meanwhile."""
-        mesh = StoredMesh(self._library.url, job.mesh_sha256 or "", job.file_type, job.policy, self._limits.mesh)
+        mesh = StoredMesh(self._library.address, job.mesh_sha256 or "", job.file_type, job.policy, self._limits.mesh)
         match job.request:
             case QueryRequest():
                 return await self._complete_query(job, mesh, job.request)

@@ -192,9 +192,9 @@ def _search(library: Library, shape: ShapeRecord) -> None:
         with contextlib.suppress(ParameterError, UnsuitedError):  # parts have one classifier
             library.search.rank(asked, QueryRequest(measure, classifier, k=3))
     for distance in get_args(MapDistance):
-        worker.library_map(library.url, DEFAULT_MEASURE, shape.parameters, MapOptions(distance=distance))
-    worker.library_evaluation(library.url, DEFAULT_MEASURE, shape.parameters)
+        worker.library_map(library.address, DEFAULT_MEASURE, shape.parameters, MapOptions(distance=distance))
+    worker.library_evaluation(library.address, DEFAULT_MEASURE, shape.parameters)
 
 
 def _stored(library: Library, shape: ShapeRecord) -> StoredMesh:
-    return StoredMesh(library.url, shape.sha256, shape.file_type, shape.policy, _LIMITS)
+    return StoredMesh(library.address, shape.sha256, shape.file_type, shape.policy, _LIMITS)

@@ -20,6 +20,7 @@ from unbend.geodesics.paths.shortest import geodesic_path
 from unbend.jobs.limits import limit_process
 from unbend.jobs.reporting import ProgressReporter
 from unbend.library import Library
+from unbend.library.address import LibraryAddress
 from unbend.library.requests import FileCall, FileRequest, UploadKey
 from unbend.library.search import MapOptions
 from unbend.library.shape_rows import ComputedShape
@@ -53,7 +54,7 @@ _TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\
 class StoredMesh:
     """A stored mesh file, and how to read it."""
 
-    library_url: str
+    library: LibraryAddress
     sha256: str
     file_type: str
     """The format of the file, used if the content does not identify it."""
@@ -231,14 +232,14 @@ def _flattening_file(mesh: StoredMesh, parameters: dict[str, Any], file_type: st
 
 
 def _form_file(mesh: StoredMesh, shape_id: str, file_type: str) -> bytes:
-    return canonical_form_file(mesh, _library(mesh.library_url).shapes.signature(shape_id), file_type)
+    return canonical_form_file(mesh, _library(mesh.library).shapes.signature(shape_id), file_type)
 
 
 def _match_file(
     mesh: StoredMesh, other_id: str, orientation: Turn, samples: int, file_type: str, part: Part = "auto"
 ) -> bytes:
-    other = _library(mesh.library_url).shapes.get(other_id)
-    target = _read(StoredMesh(mesh.library_url, other.sha256, other.file_type, other.policy))
+    other = _library(mesh.library).shapes.get(other_id)
+    target = _read(StoredMesh(mesh.library, other.sha256, other.file_type, other.policy))
     surface = _read(mesh)
     found = match(surface, target, samples=samples, orientation=orientation, part=part, threads=1)
     return export_correspondence(found, surface, target, file_type)
@@ -253,14 +254,16 @@ _FILE_CALLS: Final[Mapping[FileCall, Callable[..., bytes]]] = {
 }
 
 
-def library_map(library_url: str, measure: str, parameters: Parameters | None, options: MapOptions) -> dict[str, Any]:
+def library_map(
+    library: LibraryAddress, measure: str, parameters: Parameters | None, options: MapOptions
+) -> dict[str, Any]:
     """Return `Library.map` as JSON values."""
-    return _library(library_url).map(measure, parameters=parameters, **asdict(options)).as_dict()
+    return _library(library).map(measure, parameters=parameters, **asdict(options)).as_dict()
 
 
-def library_evaluation(library_url: str, measure: str, parameters: Parameters | None) -> dict[str, Any]:
+def library_evaluation(library: LibraryAddress, measure: str, parameters: Parameters | None) -> dict[str, Any]:
     """Return `Library.evaluation` as JSON values."""
-    return _library(library_url).evaluation(measure, parameters=parameters).as_dict()
+    return _library(library).evaluation(measure, parameters=parameters).as_dict()
 
 
 def warm_up(first: int = 0) -> None:
@@ -312,10 +315,10 @@ def _read(mesh: StoredMesh) -> Surface:
 
 
 def _file(mesh: StoredMesh) -> bytes:
-    return _library(mesh.library_url).shapes.file(mesh.sha256)
+    return _library(mesh.library).shapes.file(mesh.sha256)
 
 
 @cache
-def _library(url: str) -> Library:
-    must_exist(url)
-    return Library(url, migrate=False)
+def _library(address: LibraryAddress) -> Library:
+    must_exist(address.url)
+    return Library(address.url, migrate=False, objects=address.objects)

@@ -22,11 +22,11 @@ from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
 from unbend.results.jobs import ENDED_STATES, UNFINISHED_STATES, JobKind, JobState
 
-Cause = Literal["process lost", "worker lost", "server lost", "stopped", "shape removed"]
+Cause = Literal["process lost", "worker lost", "server lost", "objects unavailable", "stopped", "shape removed"]
 """The cause for which a running job returns to the queue.
 
-Its process died; the worker of a cluster that ran it died, or was cut off; its server died; its server stops; or
-somebody removed the known shape that would be its result.
+Its process died; the worker of a cluster that ran it died, or was cut off; its server died; the object
+store does not answer; its server stops; or somebody removed the known shape that would be its result.
 """
 
 _BATCH: Final = 500

@@ -16,6 +16,7 @@ from sqlalchemy import Connection
 from unbend.errors import IdempotencyError, QueueFullError, QuotaError
 from unbend.library import job_rows, shape_rows, tickets
 from unbend.library.job_rows import ANONYMOUS, Cause, JobFilter, Sender
+from unbend.library.mesh_files import Keep, MeshFiles
 from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import FileRequest, JobRequest, QueryRequest, ShapeRequest, Upload, UploadKey
 from unbend.library.shape_rows import ComputedShape
@@ -61,8 +62,9 @@ class Jobs:
     result.
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, files: MeshFiles) -> None:
         self._store = store
+        self._files = files
 
     # Submission
 
@@ -84,14 +86,14 @@ class Jobs:
         """
         key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
-        def submit(connection: Connection) -> NewJob | JobRecord | AddedShape:
+        def submit(connection: Connection, keep: Keep) -> NewJob | JobRecord | AddedShape:
             if earlier := _find_sent(connection, attempts, sender):
                 return earlier
             if known := shape_rows.find_shape(connection, key):
                 return shape_rows.update_known(connection, known, request)
-            return self._enqueue(connection, attempts.job_id, key, upload, request, sender, limits)
+            return self._enqueue(connection, keep, attempts.job_id, key, upload, request, sender, limits)
 
-        return self._store.submit(submit)
+        return self._files.submit(key.sha256, upload.open, submit)
 
     def submit_query(
         self, upload: Upload, request: QueryRequest, sender: Sender, limits: QueueLimits
@@ -99,11 +101,11 @@ class Jobs:
         """Queue a query, or return the earlier job of a repeated request; raises as `submit_shape` does."""
         key, attempts = upload.key, _Attempts()  # hashed here, not in the writer's thread
 
-        def submit(connection: Connection) -> NewJob | JobRecord:
+        def submit(connection: Connection, keep: Keep) -> NewJob | JobRecord:
             earlier = _find_sent(connection, attempts, sender)
-            return earlier or self._enqueue(connection, attempts.job_id, key, upload, request, sender, limits)
+            return earlier or self._enqueue(connection, keep, attempts.job_id, key, upload, request, sender, limits)
 
-        return self._store.submit(submit)
+        return self._files.submit(key.sha256, upload.open, submit)
 
     def submit_file(
         self, shape: ShapeRecord, request: FileRequest, sender: Sender, limits: QueueLimits
@@ -145,6 +147,7 @@ class Jobs:
     def _enqueue(
         self,
         connection: Connection,
+        keep: Keep,
         job_id: str,
         key: UploadKey,
         upload: Upload,
@@ -153,9 +156,9 @@ class Jobs:
         limits: QueueLimits,
     ) -> NewJob:
         if self._store.disk:
-            self._store.disk.admit_upload(len(upload.data))
+            self._store.disk.admit_upload(upload.size if self._files.are_in_database else 0)
         _check_queue(connection, sender, limits)
-        shape_rows.put_mesh(connection, key.sha256, upload.data)
+        keep(connection)
         return NewJob(
             job_rows.enqueue(
                 connection, job_id=job_id, key=key, file_type=upload.file_type, request=request, sender=sender

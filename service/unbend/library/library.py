@@ -12,11 +12,13 @@ from unbend.brief import brief, counted
 from unbend.correspondence.match import Turn, match
 from unbend.correspondence.pieces import Part
 from unbend.errors import NotFoundError, ParameterError, ResultsError, UnbendError, check_choice
+from unbend.library.address import LibraryAddress
 from unbend.library.backups.backup import Backup, backup
 from unbend.library.backups.export import export
 from unbend.library.computed import check_computed
 from unbend.library.jobs import JobFilter, Jobs
 from unbend.library.keys import Keys
+from unbend.library.mesh_files import MeshFiles
 from unbend.library.metadata import Scalar
 from unbend.library.packing import pack_local
 from unbend.library.requests import QueryRequest, ShapeRequest, Upload
@@ -62,6 +64,10 @@ class Library:
     search : {"auto", "memory", "database"}
         Who searches: an index in memory, or PostgreSQL with pgvector. By default the index in memory, until it becomes
         too large.
+    objects : str, optional
+        The address of an object store, where the files of new meshes are then kept, and not in the database: such as
+        s3://bucket/prefix, gs://bucket/prefix, az://account/container/prefix or file:///folder. The environment has
+        the credentials.
 
     Raises
     ------
@@ -75,10 +81,18 @@ class Library:
     ...     library.classify("unknown.ply")[0].label
     """
 
-    def __init__(self, url: str = DEFAULT_LIBRARY, *, migrate: bool = True, search: SearchChoice = "auto") -> None:
-        self.store = Store(url, migrate=migrate)
-        self.shapes = Shapes(self.store)
-        self.jobs = Jobs(self.store)
+    def __init__(
+        self,
+        url: str = DEFAULT_LIBRARY,
+        *,
+        migrate: bool = True,
+        search: SearchChoice = "auto",
+        objects: str | None = None,
+    ) -> None:
+        self.store = Store(url, migrate=migrate, objects=objects)
+        self.files = MeshFiles(self.store)
+        self.shapes = Shapes(self.store, self.files)
+        self.jobs = Jobs(self.store, self.files)
         self.keys = Keys(self.store)
         self.search = Search(self.store, search)
 
@@ -86,6 +100,11 @@ class Library:
     def url(self) -> str:
         """The address that the library was opened with."""
         return self.store.url
+
+    @property
+    def address(self) -> LibraryAddress:
+        """The addresses of the database and the object store, by which other processes open the same library."""
+        return LibraryAddress(self.url, self.store.objects.url if self.store.objects else None)
 
     @property
     def disk(self) -> LibraryDisk | None:
@@ -104,7 +123,7 @@ class Library:
         """
         self.store.check()
         if self.disk:
-            self.disk.admit_upload(size)
+            self.disk.admit_upload(size if self.files.are_in_database else 0)
 
     def __repr__(self) -> str:
         try:
@@ -124,6 +143,7 @@ class Library:
 
     def close(self) -> None:
         """Run the queued changes, and close the database."""
+        self.files.close()
         self.store.close()
 
     def add(
@@ -177,7 +197,7 @@ class Library:
         if known := self.shapes.find(upload.key):
             return self.shapes.update_known(known, request)
         found = signature_of_file(file.data, upload.parameters, upload.policy, file_type=file.file_type, local=True)
-        return self.shapes.submit(ComputedShape.of(upload.key, found), request, lambda: upload.data).result()
+        return self.shapes.submit(ComputedShape.of(upload.key, found), request, upload.open).result()
 
     def add_computed(
         self,
@@ -359,8 +379,10 @@ class Library:
         ------
         ParameterError
             If the folder is not empty.
+        NotFoundError
+            If somebody removes a shape meanwhile whose file is in an object store.
         """
-        return export(self.store, folder)
+        return export(self.store, self.files, folder)
 
     def rank(
         self,

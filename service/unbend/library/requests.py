@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Final, Literal, Self, get_args
+from typing import Any, BinaryIO, Final, Literal, Self, get_args
 
 from unbend.errors import ParameterError, check_choice
 from unbend.library.metadata import Scalar, as_stored, check_changes, check_filter
@@ -34,6 +34,8 @@ RANKING_MEASURES: Final = (*MEASURES, *PART_MEASURES)
 MAX_PAIRS: Final = 100
 """Largest number of shapes in a ranking by a measure of whole shapes: each comparison takes milliseconds."""
 
+_PIECE: Final = 2**20
+
 FileCall = Literal["mesh", "signature", "flattening", "geodesics", "match"]
 """The kind of file that a job makes of a stored shape."""
 
@@ -54,10 +56,34 @@ class UploadKey:
 
 
 @dataclass(frozen=True)
+class UploadedFile:
+    """The file of an upload on disk, with its hash, so that it need not be in memory."""
+
+    file: BinaryIO
+    sha256: str
+    size: int
+
+    @classmethod
+    def of(cls, file: BinaryIO) -> Self:
+        """Return a file with its hash; it is read once."""
+        file.seek(0)
+        found, size = hashlib.sha256(), 0
+        while piece := file.read(_PIECE):
+            found.update(piece)
+            size += len(piece)
+        return cls(file, found.hexdigest(), size)
+
+    def read(self) -> bytes:
+        """Return the bytes of the file."""
+        self.file.seek(0)
+        return self.file.read()
+
+
+@dataclass(frozen=True)
 class Upload:
     """A mesh file to compute."""
 
-    data: bytes
+    data: bytes | UploadedFile
     file_type: str
     """The extension of the file's name, used if the content does not identify the format."""
     parameters: Parameters = field(default_factory=Parameters)
@@ -66,7 +92,22 @@ class Upload:
     @cached_property
     def key(self) -> UploadKey:
         """The identity of this upload."""
-        return UploadKey.of(hashlib.sha256(self.data).hexdigest(), self.parameters, self.policy)
+        data = self.data
+        sha256 = hashlib.sha256(data).hexdigest() if isinstance(data, bytes) else data.sha256
+        return UploadKey.of(sha256, self.parameters, self.policy)
+
+    @property
+    def size(self) -> int:
+        """The number of bytes of the file."""
+        return len(self.data) if isinstance(self.data, bytes) else self.data.size
+
+    def open(self) -> bytes | BinaryIO:
+        """Return the bytes of the file, or the file."""
+        return self.data if isinstance(self.data, bytes) else self.data.file
+
+    def read(self) -> bytes:
+        """Return the bytes of the file."""
+        return self.data if isinstance(self.data, bytes) else self.data.read()
 
 
 @dataclass(frozen=True)

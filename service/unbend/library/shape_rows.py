@@ -19,6 +19,7 @@ from unbend.library.metadata import read_metadata
 from unbend.library.packing import PackedSignature, unpack_local, unpack_signature
 from unbend.library.requests import ShapeRequest, UploadKey, decode_parameters, decode_policy
 from unbend.library.storage.log_eraser import mark_erased
+from unbend.library.storage.object_rows import queue_deletion
 from unbend.library.storage.postgres import lock
 from unbend.library.storage.schema import (
     descriptors,
@@ -68,6 +69,9 @@ _FIND = (
 )
 _HAS_MESH = select(exists().where(meshes.c.sha256 == bindparam("sha256")))
 _GET_MESH = select(meshes.c.data).where(meshes.c.sha256 == bindparam("sha256"))
+# Not by RETURNING, which SQLite 3.40 evaluates wrongly for IS NULL after the deletion.
+_IS_ELSEWHERE = select(meshes.c.data.is_(None)).where(meshes.c.sha256 == bindparam("sha256"))
+_LOCK_MESH = _IS_ELSEWHERE.with_for_update()
 _PUT_MESH, _ADD_DESCRIPTORS, _ADD_SHAPE = insert(meshes), insert(descriptors), insert(shapes)
 _ADD_LOCAL = insert(local_signatures)
 _ADD_SIGNATURE = insert(signatures).returning(signatures.c.id)
@@ -140,30 +144,35 @@ def put_mesh(connection: Connection, sha256: str, data: bytes) -> None:
         connection.execute(_PUT_MESH, {"sha256": sha256, "size": len(data), "data": data})
 
 
-def get_file(connection: Connection, sha256: str) -> bytes:
-    """Return a file's bytes; NotFoundError if there is no such file."""
-    data = connection.scalar(_GET_MESH, {"sha256": sha256})
-    if data is None:
-        raise NotFoundError(f"no mesh {sha256}")
-    return bytes(data)
-
-
-def read_file_range(connection: Connection, sha256: str, offset: int, size: int) -> bytes:
-    """Return at most `size` of a file's bytes from `offset`; SQLite reads only these."""
-    if connection.dialect.name != "sqlite":
-        wanted = select(func.substr(meshes.c.data, offset + 1, size)).where(meshes.c.sha256 == sha256)
-        piece = connection.scalar(wanted)
-    else:
-        piece = _read_blob_range(connection, sha256, offset, size)
-    if not piece:
-        raise NotFoundError(f"no mesh {sha256}")
-    return bytes(piece)
-
-
-def _read_blob_range(connection: Connection, sha256: str, offset: int, size: int) -> bytes | None:
-    row = connection.exec_driver_sql("SELECT rowid FROM meshes WHERE sha256 = ?", (sha256,)).one_or_none()
+def get_file(connection: Connection, sha256: str) -> bytes | None:
+    """Return a file's bytes, None if the object store has them; NotFoundError if there is no such file."""
+    row = connection.execute(_GET_MESH, {"sha256": sha256}).one_or_none()
     if row is None:
+        raise NotFoundError(f"no mesh {sha256}")
+    return None if row.data is None else bytes(row.data)
+
+
+def read_file_range(connection: Connection, sha256: str, offset: int, size: int) -> bytes | None:
+    """Return at most `size` of a file's bytes from `offset`, None if the object store has them; it reads only these.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    """
+    is_elsewhere = connection.scalar(_IS_ELSEWHERE, {"sha256": sha256})
+    if is_elsewhere is None:
+        raise NotFoundError(f"no mesh {sha256}")
+    if is_elsewhere:
         return None
+    if connection.dialect.name == "sqlite":
+        return _read_blob_range(connection, sha256, offset, size)
+    wanted = select(func.substr(meshes.c.data, offset + 1, size)).where(meshes.c.sha256 == sha256)
+    return bytes(connection.execute(wanted).scalar_one())
+
+
+def _read_blob_range(connection: Connection, sha256: str, offset: int, size: int) -> bytes:
+    row = connection.exec_driver_sql("SELECT rowid FROM meshes WHERE sha256 = ?", (sha256,)).one()
     driver: Any = connection.connection.dbapi_connection
     with driver.blobopen("meshes", "data", row[0], readonly=True) as blob:
         blob.seek(offset)
@@ -172,10 +181,13 @@ def _read_blob_range(connection: Connection, sha256: str, offset: int, size: int
 
 
 def delete_unused_mesh(connection: Connection, sha256: str) -> None:
-    """Delete a file's bytes if no signature and no unfinished job needs them."""
+    """Delete a file's bytes if no signature and no unfinished job needs them; queue the deletion of its object."""
     if not connection.scalar(_IS_MESH_NEEDED, {"sha256": sha256}):
         connection.execute(update(jobs).where(jobs.c.mesh_sha256 == sha256).values(mesh_sha256=None))
+        is_elsewhere = connection.scalar(_LOCK_MESH, {"sha256": sha256})
         connection.execute(delete(meshes).where(meshes.c.sha256 == sha256))
+        if is_elsewhere:
+            queue_deletion(connection, sha256)
         mark_erased(connection, "soon")
 
 

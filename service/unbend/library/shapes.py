@@ -8,8 +8,11 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any, TypeVar, get_args
 
+from sqlalchemy import Connection
+
 from unbend.errors import ParameterError, check_choice
 from unbend.library import shape_rows
+from unbend.library.mesh_files import Keep, MeshFiles, Open
 from unbend.library.metadata import check_changes
 from unbend.library.requests import ShapeRequest, UploadKey
 from unbend.library.shape_rows import ComputedShape
@@ -26,8 +29,9 @@ class Shapes:
     Methods that end in `_async` wait without blocking the event loop.
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, files: MeshFiles) -> None:
         self._store = store
+        self._files = files
 
     def __len__(self) -> int:
         return self._store.load(shape_rows.count_shapes)
@@ -90,11 +94,11 @@ class Shapes:
 
     def file(self, sha256: str) -> bytes:
         """Return a stored file; NotFoundError if there is none with this hash."""
-        return self._store.load(partial(shape_rows.get_file, sha256=sha256))
+        return self._files.read(sha256)
 
     def read_file(self, sha256: str, offset: int, size: int) -> bytes:
         """Return at most `size` bytes of a stored file from `offset`; NotFoundError if there is no such file."""
-        return self._store.load(partial(shape_rows.read_file_range, sha256=sha256, offset=offset, size=size))
+        return self._files.read_range(sha256, offset, size)
 
     def signature(self, shape_id: str) -> Signature:
         """Return a shape's signature; NotFoundError if there is no such shape."""
@@ -108,20 +112,22 @@ class Shapes:
         """Store packed local signatures of a shape; do nothing if the shape was removed."""
         self._store.change(partial(shape_rows.put_local, shape_id=shape_id, payload=payload))
 
-    def submit(self, computed: ComputedShape, request: ShapeRequest, read: Callable[[], bytes]) -> Future[AddedShape]:
+    def submit(self, computed: ComputedShape, request: ShapeRequest, read: Open) -> Future[AddedShape]:
         """Queue the storing of a file and its results; the future has the shape once it is on disk.
 
         If a shape with the file's key is stored already, this does as `update_known` does. `read` returns the file. It
-        runs in the thread of the writer, so that queued files need no memory.
+        runs in another thread when the file is stored, so that queued files need no memory.
         """
 
-        def add(connection: Any) -> AddedShape:
+        def add(connection: Connection, keep: Keep) -> AddedShape:
+            if not self._files.are_in_database:
+                shape_rows.lock_shapes(connection)  # before the lock of the object, as a removal does
             if known := shape_rows.find_shape(connection, computed.key):
                 return shape_rows.update_known(connection, known, request)
-            shape_rows.put_mesh(connection, computed.key.sha256, read())
+            keep(connection)
             return AddedShape.of(shape_rows.add_shape(connection, computed, request), is_new=True)
 
-        return self._store.submit(add)
+        return self._files.submit(computed.key.sha256, read, add)
 
     def update_known(self, shape: ShapeRecord, request: ShapeRequest) -> AddedShape:
         """Change a known shape as `request` describes if its `if_known` is "update"; return what changed."""

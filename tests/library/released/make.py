@@ -69,7 +69,7 @@ def fill(library: Library) -> None:
     library.change(flat.id, label="pressed", metadata={"seen": True})
     library.remove(library.add(octahedron(0.8), name="gone", label="octahedron", parameters=FEW).id)
     uploaded = started(library, 1.0, described("uploaded"))
-    mesh = StoredMesh(library.url, uploaded.mesh_sha256 or "", "off", uploaded.policy)
+    mesh = StoredMesh(library.address, uploaded.mesh_sha256 or "", "off", uploaded.policy)
     done(library.jobs.complete_shape(uploaded, compute_shape(mesh, FEW).shape))
     answered = started(library, 1.1, QueryRequest())
     signature = compute_signature(read_mesh(octahedron(1.1)), FEW)

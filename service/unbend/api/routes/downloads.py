@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import re
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from functools import partial
@@ -15,6 +16,7 @@ from starlette.responses import StreamingResponse
 
 from unbend.api.middleware.methods import HEAD
 from unbend.api.schema.problems import MediaTypeError, ProblemError
+from unbend.errors import ObjectDamagedError
 from unbend.mesh.formats import FORMATS, WrittenFormat
 from unbend.results.shapes import ShapeRecord
 
@@ -138,19 +140,19 @@ def file_response(data: bytes, file_type: str, name: str) -> Response:
     return Response(data, headers=file_headers(file_type, name))
 
 
-_CHUNK: Final = 2**18
-"""Bytes of a file that are in memory at a time, for each client."""
-
 _RANGE: Final = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
 
 Read = Callable[[int, int], bytes]
 """Returns the bytes of a file from an offset, at most a number of them."""
 
 
-def send_file(request: Request, read: Read, size: int, sha256: str, headers: dict[str, str]) -> Response:
+async def send_file(
+    request: Request, read: Read, size: int, sha256: str, headers: dict[str, str], piece_bytes: int
+) -> Response:
     """Return a response that streams a file, or the requested range, as fast as the client reads.
 
-    If the file is removed meanwhile, the connection closes before all bytes are sent.
+    At most `piece_bytes` of it are in memory at a time. If the file is removed meanwhile, or a whole file has other
+    bytes than its hash, the connection closes before all bytes are sent.
     """
     tag = f'"{sha256}"'
     headers = headers | {"ETag": tag, "Accept-Ranges": "bytes"}
@@ -172,13 +174,27 @@ def send_file(request: Request, read: Read, size: int, sha256: str, headers: dic
     headers["Content-Length"] = str(end - begin)
     if request.scope.get(HEAD):
         return Response(status_code=status, headers=headers)
-    return StreamingResponse(_chunks(read, begin, end), status, headers)
+    pieces = _chunks(read, begin, end, piece_bytes, sha256 if part is None else None)
+    first = await anext(pieces)  # an error still has its own response
+    return StreamingResponse(_following(first, pieces), status, headers)
 
 
-async def _chunks(read: Read, begin: int, end: int) -> AsyncIterator[bytes]:
+async def _chunks(read: Read, begin: int, end: int, piece_bytes: int, sha256: str | None) -> AsyncIterator[bytes]:
+    """Yield a file in pieces. If its hash is given and wrong, raise ObjectDamagedError instead of the last piece."""
+    found = hashlib.sha256()
     while begin < end:
-        piece = await asyncio.to_thread(partial(read, begin, min(_CHUNK, end - begin)))
+        piece = await asyncio.to_thread(partial(read, begin, min(piece_bytes, end - begin)))
         begin += len(piece)
+        if sha256 is not None:
+            found.update(piece)
+            if begin >= end and found.hexdigest() != sha256:
+                raise ObjectDamagedError(f"the file of mesh {sha256} has other bytes than its hash")
+        yield piece
+
+
+async def _following(first: bytes, pieces: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    yield first
+    async for piece in pieces:
         yield piece
 
 

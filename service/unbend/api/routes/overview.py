@@ -60,7 +60,7 @@ async def get_map(
     """Embed the stored shapes so that similar shapes are near each other, by signature and, for comparison, surface."""
     chosen, wanted = _measure(measure), _parameters(parameters)
     options = MapOptions(dimensions, limit, distance)
-    found = await service.runner.call(library_map, service.library.url, chosen, wanted, options, lane="large")
+    found = await service.runner.call(library_map, service.library.address, chosen, wanted, options, lane="large")
     return ShapeMap.model_validate(found)
 
 
@@ -70,7 +70,7 @@ async def get_evaluation(
 ) -> EvaluationResult:
     """Query the library with every labelled shape, and return how well the rankings find its class."""
     chosen, wanted = _measure(measure), _parameters(parameters)
-    found = await service.runner.call(library_evaluation, service.library.url, chosen, wanted, lane="large")
+    found = await service.runner.call(library_evaluation, service.library.address, chosen, wanted, lane="large")
     return EvaluationResult.model_validate(found)
 
 

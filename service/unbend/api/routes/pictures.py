@@ -118,7 +118,7 @@ async def view_file(
     """Return the view of a mesh that is not stored: the glb file that `GET /shapes/{shape_id}/view` describes."""
     upload = await read_upload(file, parameters, policy)
     data = await service.runner.call(
-        viewer_file_of, upload.data, upload.file_type, upload.parameters, upload.policy, service.settings.limits.mesh,
+        viewer_file_of, upload.read(), upload.file_type, upload.parameters, upload.policy, service.settings.limits.mesh,
         MOST_FACES, lane="large",
     )  # fmt: skip
     return Response(data, media_type="model/gltf-binary")

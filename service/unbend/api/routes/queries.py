@@ -127,7 +127,8 @@ async def _by_file(service: Service, request: Request, form: FormData, wait: flo
     file = cast("UploadFile", form["file"])
     given = _validated(FileQuery, {key: value for key, value in form.multi_items() if key != "file"})
     query_request = _request(given)
-    upload = await read_upload(file, given.parameters, given.policy)
+    in_memory = service.library.files.are_in_database
+    upload = await read_upload(file, given.parameters, given.policy, in_memory=in_memory)
     sender, key = sender_of(request, upload, query_request, given.callback), key_of(request)
     job = await service.runner.submit_query(upload, query_request, sender, key.most_jobs if key else None)
     record = await _waited(service, request, job, wait)

@@ -121,7 +121,7 @@ async def upload_shape(
     """
     given = {"name": name or None, "label": label or None, "metadata": parse_metadata(metadata)}
     shape_request = ShapeRequest.of(default_name(file), given, if_known)
-    upload = await read_upload(file, parameters, policy)
+    upload = await read_upload(file, parameters, policy, in_memory=service.library.files.are_in_database)
     sender, key = sender_of(request, upload, shape_request, callback), key_of(request)
     found = await service.runner.submit_shape(upload, shape_request, sender, key.most_jobs if key else None)
     if isinstance(found, AddedShape):
@@ -240,7 +240,8 @@ async def get_mesh(
     wanted = choose_format(request, format, stored)
     if wanted == stored:
         read = partial(service.library.shapes.read_file, record.sha256)
-        return send_file(request, read, record.size, record.sha256, file_headers(stored, record.name))
+        headers = file_headers(stored, record.name)
+        return await send_file(request, read, record.size, record.sha256, headers, service.library.files.piece_bytes)
     if wants_job(request):
         return await _respond_async(
             service, request, record, FileRequest("mesh", {"file_type": wanted}, wanted, record.name)
@@ -352,4 +353,4 @@ async def _respond_async(service: Service, request: Request, record: ShapeRecord
 
 def stored_mesh(service: Service, record: ShapeRecord) -> StoredMesh:
     """Return a shape's file for a worker."""
-    return StoredMesh(service.library.url, record.sha256, record.file_type, record.policy)
+    return StoredMesh(service.library.address, record.sha256, record.file_type, record.policy)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+from mmap import ACCESS_READ, mmap
 from pathlib import PurePosixPath
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from starlette.datastructures import UploadFile
 
@@ -11,18 +13,25 @@ from unbend.api.schema.problems import pointing_at
 from unbend.errors import ParameterError
 from unbend.jsons import parse_json
 from unbend.library.metadata import MAX_METADATA_BYTES, check_metadata
-from unbend.library.requests import Upload
+from unbend.library.requests import Upload, UploadedFile
 from unbend.mesh.formats.detect import detect_format
 from unbend.mesh.policy import MeshPolicy
 from unbend.names import MAX_TEXT
 from unbend.signature.parameters import Parameters
 
+_SMALL: Final = 2**20
+"""Largest file that is always read into memory: the server does not spool it to disk."""
+
 _MOST_TEXT: Final = 4 * MAX_METADATA_BYTES
 """Longest metadata text that is parsed. With escapes and spaces, it may be longer than `MAX_METADATA_BYTES`."""
 
 
-async def read_upload(file: UploadFile, parameters: str | None, policy: str | None) -> Upload:
-    """Return the upload: the file's bytes, its format, parameters and policy.
+async def read_upload(
+    file: UploadFile, parameters: str | None, policy: str | None, *, in_memory: bool = True
+) -> Upload:
+    """Return the upload: the file, its format, parameters and policy.
+
+    Unless `in_memory`, a file that the server spooled to disk is hashed there, and not read into memory.
 
     Raises
     ------
@@ -35,10 +44,18 @@ async def read_upload(file: UploadFile, parameters: str | None, policy: str | No
         chosen = Parameters.from_json(parameters) if parameters else Parameters()
     with pointing_at("body.policy"):
         reading = MeshPolicy.from_json(policy) if policy else MeshPolicy()
-    data = await file.read()
     hint = PurePosixPath(file.filename or "").suffix.lower().lstrip(".")
-    file_type = detect_format(data, hint)
-    return Upload(data, file_type, chosen, reading)
+    if in_memory or (file.size or 0) <= _SMALL:
+        data = await file.read()
+        return Upload(data, detect_format(data, hint), chosen, reading)
+    spooled = await asyncio.to_thread(UploadedFile.of, file.file)
+    return Upload(spooled, await asyncio.to_thread(_detect, spooled, hint), chosen, reading)
+
+
+def _detect(spooled: UploadedFile, hint: str) -> str:
+    """Return the format of a file on disk. Detection looks at parts of a file, and a map has these as bytes."""
+    mapped = mmap(spooled.file.fileno(), 0, access=ACCESS_READ)
+    return detect_format(cast("bytes", mapped), hint)
 
 
 def parse_metadata(text: str | None) -> dict[str, Any] | None:

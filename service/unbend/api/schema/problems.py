@@ -47,6 +47,7 @@ STATUS: Final[dict[type[errors.UnbendError], int]] = {
     errors.JobError: 500,
     errors.StoreFullError: 507,
     errors.TemporaryFullError: 507,
+    errors.ObjectDamagedError: 500,
     errors.StoreError: 503,
     errors.UnbendError: 500,
 }

@@ -19,4 +19,4 @@ def open_library(settings: Settings) -> Library:
     """
     if not settings.migrate:
         must_be_migrated(settings.library)
-    return Library(settings.library, migrate=settings.migrate, search=settings.search)
+    return Library(settings.library, migrate=settings.migrate, search=settings.search, objects=settings.objects or None)

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from unbend.api.server.metrics import Metrics
+from unbend.api.server.object_sweeps import ObjectSweeps
 from unbend.api.server.opening import open_library
 from unbend.api.server.scheduled_backups import ScheduledBackups
 from unbend.api.server.service import Service
@@ -56,7 +57,8 @@ async def running_service(
     await runner.start()
     has_vectors = library.store.postgres and settings.search != "memory"
     vectors = VectorUpkeep(library, settings.search) if has_vectors else None
-    background = [each for each in (scheduled, webhooks, vectors) if each]
+    sweeps = ObjectSweeps(library) if settings.objects else None
+    background = [each for each in (scheduled, webhooks, vectors, sweeps) if each]
     for each in background:
         each.start()
     try:

@@ -60,6 +60,9 @@ class Settings(BaseSettings):
 
     library: str = Field(DEFAULT_LIBRARY, min_length=1, description="Path of an SQLite file, or an SQLAlchemy URL.")
     migrate: bool = Field(True, description="Migrate a library of an older schema; otherwise refuse it.")
+    objects: str = Field(
+        "", description="Object store for the files of meshes, such as s3://bucket/prefix; the library if empty."
+    )
     workers: int = Field(
         default_factory=lambda: min(available_cores(), _MOST_WORKERS),
         ge=0,

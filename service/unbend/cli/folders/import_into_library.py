@@ -13,6 +13,7 @@ from unbend.cli.folders.files import LabelledFile
 from unbend.cli.folders.first_paths import FirstPaths
 from unbend.cli.folders.import_options import ImportOptions, description_of
 from unbend.cli.folders.import_tasks import Task, completed, failed
+from unbend.cli.options import chosen_objects
 from unbend.errors import MeshReadError, NotFoundError, ParameterError, StoreError, UnbendError
 from unbend.jobs.batch import Batch
 from unbend.library import Library
@@ -43,7 +44,7 @@ def import_into_library(
     options.check()
     machine = options.machine
     with (
-        Library(url) as library,
+        Library(url, objects=chosen_objects()) as library,
         FirstPaths() as firsts,
         Batch(machine.workers, machine.memory_mb, count) as batch,
     ):

@@ -14,6 +14,7 @@ from unbend.cli.folders.first_paths import FirstPaths
 from unbend.cli.folders.import_options import ImportOptions, description_of
 from unbend.cli.folders.import_tasks import Task, completed, failed
 from unbend.cli.folders.sharding import ComputedFile
+from unbend.cli.options import chosen_objects
 from unbend.errors import NotFoundError, StoreError, UnbendError
 from unbend.library import Library
 from unbend.library.computed import check_key
@@ -37,7 +38,7 @@ def import_shards(
     StoreError
         If the library fails.
     """
-    with Library(url) as library, FirstPaths() as firsts:
+    with Library(url, objects=chosen_objects()) as library, FirstPaths() as firsts:
         importer = _Importer(library, index, firsts, options)
         waiting: deque[tuple[Task, Future[AddedShape]]] = deque()
         for file in files:

@@ -9,7 +9,7 @@ import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -35,6 +35,8 @@ class Backup:
     shapes: int
     revision: str
     """The revision of the schema."""
+    elsewhere: int = 0
+    """Number of files that are in an object store, and not in this file."""
 
 
 def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Backup:
@@ -70,7 +72,7 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
         _sync(staged)
         staged.replace(target)
         _sync(target.parent)
-    return Backup(target, found.size, found.shapes, found.revision)
+    return replace(found, path=target)
 
 
 def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
@@ -118,7 +120,7 @@ def restore(source: str | Path, url: str, *, overwrite: bool = False) -> Backup:
         with closing(Store(url)) as store:
             found = _replace_content(given, staged, store)
             store.erase()
-    return Backup(target, found.size, found.shapes, found.revision)
+    return replace(found, path=target)
 
 
 def verify(path: Path, origin: Path | None = None) -> Backup:
@@ -181,18 +183,21 @@ def check_backup(path: Path, origin: Path | None = None) -> Backup:
     try:
         with closing(_open(path)) as connection:
             distrust(connection)
-            revision, shapes = _inspect(connection)
+            revision, shapes, elsewhere = _inspect(connection)
     except sqlite3.DatabaseError as error:
         raise BackupError(f"{named} is not a library, or damaged: {error}") from error
     except BackupError as error:
         raise BackupError(f"{named} {error}") from None
     if revision not in revisions():
         raise StoreVersionError(f"{named} was made by a later version of unbend")
-    return Backup(path, path.stat().st_size, shapes, revision)
+    return Backup(path, path.stat().st_size, shapes, revision, elsewhere)
 
 
-def _inspect(connection: sqlite3.Connection) -> tuple[str, int]:
-    """Return a library's schema revision and number of shapes; messages of BackupError begin with a verb."""
+def _inspect(connection: sqlite3.Connection) -> tuple[str, int, int]:
+    """Return the revision of the schema, and the numbers of shapes and of files in an object store.
+
+    Messages of BackupError begin with a verb.
+    """
     tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not {"alembic_version", "shapes", "meshes", "jobs"} <= tables:
         raise BackupError("is not a library of unbend")
@@ -203,7 +208,8 @@ def _inspect(connection: sqlite3.Connection) -> tuple[str, int]:
         raise BackupError(f"is damaged: {faults[0].splitlines()[-1]}")
     (revision,) = connection.execute("SELECT max(version_num) FROM alembic_version").fetchone()
     (shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
-    return str(revision), int(shapes)
+    (elsewhere,) = connection.execute("SELECT count(*) FROM meshes WHERE data IS NULL").fetchone()
+    return str(revision), int(shapes), int(elsewhere)
 
 
 def _must_be_free(target: Path, source: Path, overwrite: bool) -> None:

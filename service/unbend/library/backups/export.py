@@ -15,6 +15,7 @@ from typing import Any, Final
 from sqlalchemy import Connection
 
 from unbend.errors import ParameterError
+from unbend.library.mesh_files import MeshFiles
 from unbend.library.shape_rows import MAX_PAGE, get_file, list_shapes
 from unbend.library.storage.store import Store
 from unbend.mesh.formats import FORMATS
@@ -33,7 +34,7 @@ _FIRST: Final = re.compile(r"^[-.~=+@\s]")
 _DEVICES: Final = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 
 
-def export(store: Store, folder: str | Path) -> int:
+def export(store: Store, files: MeshFiles, folder: str | Path) -> int:
     """Write the file of every shape, byte for byte, and then labels.csv: if labels.csv exists, the export is complete.
 
     Files are named after the shapes, as far as file systems allow; of shapes with the same name, all but the first also
@@ -42,6 +43,7 @@ def export(store: Store, folder: str | Path) -> int:
     Parameters
     ----------
     store : Store
+    files : MeshFiles
     folder : str or Path
         An empty or new folder.
 
@@ -54,6 +56,8 @@ def export(store: Store, folder: str | Path) -> int:
     ------
     ParameterError
         If the folder is not empty.
+    NotFoundError
+        If somebody removes a shape meanwhile whose file is in an object store.
     """
     target = Path(folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
@@ -65,7 +69,8 @@ def export(store: Store, folder: str | Path) -> int:
         rows.writeheader()
         count = 0
         for record in _records(connection):
-            path = _write(target, record, get_file(connection, record.sha256))
+            data = get_file(connection, record.sha256)
+            path = _write(target, record, files.fetch(record.sha256) if data is None else data)
             rows.writerow(_row(path, record))
             count += 1
     unfinished.rename(target / LABELS)

@@ -85,6 +85,8 @@ def check_rows(connection: sqlite3.Connection) -> None:
 
 def _rows(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
     columns = [column.name for column in metadata.tables[table].columns if (table, column.name) != ("meshes", "data")]
+    if table == "meshes":
+        columns.append("data IS NULL AS is_elsewhere")
     yield from connection.execute(f"SELECT rowid AS rowid_, {', '.join(columns)} FROM {table}")  # noqa: S608  ours
 
 
@@ -103,6 +105,9 @@ def _check_kinds(connection: sqlite3.Connection) -> None:
 
 
 def _check_mesh(connection: sqlite3.Connection, row: Row) -> None:
+    if row["is_elsewhere"]:  # the object store checks its bytes when it reads them
+        _must(bool(_HASH.fullmatch(row["sha256"])) and row["size"] >= 0, "a malformed hash or size")
+        return
     found, size = hashlib.sha256(), 0
     with connection.blobopen("meshes", "data", row["rowid_"], readonly=True) as blob:
         while piece := blob.read(_PIECE):
@@ -173,6 +178,16 @@ def _check_key(_connection: sqlite3.Connection, row: Row) -> None:
     _check_times(row, "created_at", "revoked_at", "expires_at")
 
 
+def _check_write(_connection: sqlite3.Connection, row: Row) -> None:
+    _must(bool(_HASH.fullmatch(row["sha256"])), "a malformed hash")
+    _check_times(row, "at")
+
+
+def _check_deletion(_connection: sqlite3.Connection, row: Row) -> None:
+    _must(bool(_HASH.fullmatch(row["sha256"])), "a malformed hash")
+    _check_times(row, "at", "claimed_at")
+
+
 _CHECKS: Final[dict[str, Callable[[sqlite3.Connection, Row], None]]] = {
     "meshes": _check_mesh,
     "signatures": _check_signature,
@@ -181,6 +196,8 @@ _CHECKS: Final[dict[str, Callable[[sqlite3.Connection, Row], None]]] = {
     "shapes": _check_shape,
     "jobs": _check_job,
     "api_keys": _check_key,
+    "object_writes": _check_write,
+    "object_deletions": _check_deletion,
 }
 
 

@@ -55,8 +55,30 @@ meshes = Table(
     metadata,
     Column("sha256", String(64), primary_key=True),
     Column("size", Integer, nullable=False),
-    Column("data", LargeBinary, nullable=False),
-    comment="Uploaded files, byte for byte; one row however often a file is sent.",
+    Column("data", LargeBinary),
+    comment="Uploaded files, byte for byte; one row however often a file is sent. "
+    "data is null if the object store has it.",
+)
+
+object_writes = Table(
+    "object_writes",
+    metadata,
+    Column("token", String(32), primary_key=True),
+    Column("sha256", String(64), nullable=False),
+    Column("at", Instant, nullable=False),
+    Index(None, "sha256"),
+    Index(None, "at"),
+    comment="Objects that are written now; the transaction that needs an object removes its row.",
+)
+
+object_deletions = Table(
+    "object_deletions",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    Column("at", Instant, nullable=False),
+    Column("claim", String(32)),
+    Column("claimed_at", Instant),
+    comment="Objects that no mesh needs. A claimed deletion is carried out now, and no write of the object begins.",
 )
 
 signatures = Table(

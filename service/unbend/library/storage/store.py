@@ -12,11 +12,14 @@ from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine
 
-from unbend.errors import StoreError, StoreFullError
+from unbend.errors import ParameterError, StoreError, StoreFullError
 from unbend.library.storage import postgres
 from unbend.library.storage.database import is_in_memory, migrate_engine, open_engine, sqlite_file
 from unbend.library.storage.disk import LibraryDisk
 from unbend.library.storage.log_eraser import LogEraser, Urgency, take_mark
+from unbend.library.storage.object_deletions import ObjectDeletions
+from unbend.library.storage.object_rows import take_dropped
+from unbend.library.storage.objects import Objects
 from unbend.library.storage.read_cache import ReadCache
 from unbend.library.storage.transactions import as_store_error, is_open, retried
 from unbend.library.storage.writer import ConcurrentWriter, Writer
@@ -35,6 +38,8 @@ class Store:
         A path of an SQLite file, or an SQLAlchemy URL.
     migrate : bool, default True
         Migrate the database to the present schema first. Worker processes leave the migration to their parent.
+    objects : str, optional
+        The address of an object store, where the files of new meshes are then kept (see `Objects`).
 
     Raises
     ------
@@ -42,10 +47,16 @@ class Store:
         If a later version of unbend made the store.
     StoreError
         If the store cannot be opened.
+    ParameterError
+        If `objects` is no address of an object store, or the database is in memory.
     """
 
-    def __init__(self, url: str, *, migrate: bool = True) -> None:
+    def __init__(self, url: str, *, migrate: bool = True, objects: str | None = None) -> None:
         self.url = url
+        if objects and is_in_memory(url):
+            raise ParameterError("a library in memory keeps its meshes in memory, too", field="objects")
+        self.objects = Objects(objects) if objects else None
+        self.deletions = ObjectDeletions(self, self.objects) if self.objects else None
         self._engine = open_engine(url)
         is_sqlite = self._engine.dialect.name == "sqlite"
         self._reading = (
@@ -175,7 +186,9 @@ class Store:
             self._eraser.erase(urgency)
 
     def close(self) -> None:
-        """Run the queued changes, and close all connections."""
+        """Run the queued changes and the queued deletions of objects, and close all connections."""
+        if self.deletions:
+            self.deletions.close()
         with self._writer_lock:
             if self._writer:
                 self._writer.close()
@@ -201,14 +214,17 @@ class Store:
         """
         self.check()
         with as_store_error(), self._engine.begin() as connection:
-            take_mark(connection)  # discard the mark of an earlier transaction that was rolled back
+            take_mark(connection)  # discard the marks of an earlier transaction that was rolled back
+            take_dropped(connection)
             yield connection
-            mark = take_mark(connection)
+            mark, dropped = take_mark(connection), take_dropped(connection)
             if not is_open(connection):  # SQLite reports no error for a commit of nothing
                 raise StoreError("the database rolled back the transaction")
         self.check()  # a commit to a removed file is lost
         if mark:
             self.erase(mark)
+        if dropped and self.deletions:
+            self.deletions.wake()
 
 
 class _Transactions:

@@ -33,7 +33,7 @@ _HARMLESS: Final = (
 
 def recognises(data: bytes) -> bool:
     """Return whether a file begins with the word glTF."""
-    return data.startswith(b"glTF")
+    return data[:4] == b"glTF"
 
 
 def announced(_data: bytes) -> tuple[int, int]:

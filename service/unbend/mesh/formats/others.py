@@ -63,7 +63,7 @@ def other_format(data: bytes) -> str | None:
 def _packing(data: bytes) -> str | None:
     if data[257:262] == b"ustar":
         return "tar"
-    found = next((name for beginning, name in _PACKED.items() if data.startswith(beginning)), None)
+    found = next((name for beginning, name in _PACKED.items() if data[:16].startswith(beginning)), None)
     if found != "zip":
         return found
     names = data[:_HEAD] + data[-_HEAD:]  # a zip file lists its files at its end

@@ -95,8 +95,8 @@ def test_a_job_that_is_claimed_while_the_server_stops_is_requeued_without_an_att
     claimed: list[JobRecord | None] = []
     claim = job_rows.claim
 
-    def recorded_claim(connection: Connection) -> JobRecord | None:
-        claimed.append(claim(connection))
+    def recorded_claim(connection: Connection, ticket: int | None = None) -> JobRecord | None:
+        claimed.append(claim(connection, ticket))
         return claimed[-1]
 
     monkeypatch.setattr(job_rows, "claim", recorded_claim)

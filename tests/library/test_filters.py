@@ -88,6 +88,8 @@ def test_the_database_and_the_index_in_memory_give_the_same_answers(filled, sign
     if database == "sqlite":
         with pytest.raises(ParameterError, match="search"):
             Library(url, search="disk")
+        with pytest.raises(VectorsMissingError, match="SQLite"):
+            filled.search.prepare_vectors()
         return
     with Library(url, search="database") as other:
         with pytest.raises(VectorsMissingError):

@@ -57,6 +57,8 @@ def original(tmp_path_factory) -> str:
         library.jobs.complete_file(job, JobFile("ply", "flät.ply", bytes(range(256)))).result()
         library.jobs.submit_query(Upload(octahedron(2.0), "off", FEW), QueryRequest(), SENT, LIMITS).result()
         library.remove(add(library, b"newest", "newest").id)
+    execute(str(path), "INSERT INTO object_writes (token, sha256, at) VALUES ('token', 'written', 1.5)")
+    execute(str(path), "INSERT INTO object_deletions (sha256, at) VALUES ('deleted', 2.5)")
     return str(path)
 
 
@@ -423,3 +425,14 @@ def test_passwords_are_not_printed(source):
     refused = in_process("migrate-library", source, "postgresql://me:secret@127.0.0.1:1/shapes")
     failed_with_a_sentence(refused, "cannot be opened")
     assert "secret" not in refused.stderr
+
+
+def test_a_library_whose_files_are_in_an_object_store_is_moved_without_them(tmp_path, target):
+    objects = f"file://{tmp_path}/objects"
+    file = tmp_path / "with-objects.db"
+    with Library(str(file), objects=objects) as library:
+        shape = library.add(octahedron(1.7), parameters=FEW)
+    move_library(str(file), target)
+    with Library(target, objects=objects) as moved:
+        assert moved.mesh(shape.id) == octahedron(1.7)
+        assert moved.page().items == [shape]

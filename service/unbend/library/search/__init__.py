@@ -8,7 +8,7 @@ from typing import Final, Literal, get_args
 
 from sqlalchemy import Connection
 
-from unbend.errors import UnsuitedError, check_choice
+from unbend.errors import UnsuitedError, VectorsMissingError, check_choice
 from unbend.library import shape_rows, vector_rows
 from unbend.library.requests import QueryRequest
 from unbend.library.search.incomparable import ADVICE, none_compares, why_none_compares
@@ -93,6 +93,8 @@ class Search:
         VectorsMissingError
             If the database cannot have vectors.
         """
+        if self._store.postgres is None:
+            raise VectorsMissingError("a library in SQLite is searched by an index in memory")
         self._store.change(vector_rows.create_vectors)
         with as_store_error():
             vector_rows.fill(self._store.engine)

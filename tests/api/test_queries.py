@@ -159,7 +159,7 @@ def test_a_query_by_a_stored_shape_excludes_that_shape(server, http, ids):
     assert response.status_code == 200
     with Library(str(server.library)) as library:
         assert response.json() == library.rank(ids["ring-0"], measure="distribution", k=3).as_dict()
-    assert set(response.json()) == {"measure", "classes", "shapes", "known", "warnings"}
+    assert set(response.json()) == {"measure", "classes", "shapes", "known", "warnings", "exact"}
     assert response.json()["shapes"][0]["name"] == "ring-1"
     assert ids["ring-0"] not in [match["id"] for match in response.json()["shapes"]]
 
@@ -167,7 +167,7 @@ def test_a_query_by_a_stored_shape_excludes_that_shape(server, http, ids):
 def test_a_query_with_unused_parameters_finds_nothing_and_says_why(http, ids):
     found = ask(http, small_mesh(6), {"Prefer": "wait=30"}, parameters='{"samples": 35}').json()
     (warning,) = found.pop("warnings")
-    assert found == {"measure": "spectrum", "classes": [], "shapes": [], "known": None}
+    assert found == {"measure": "spectrum", "classes": [], "shapes": [], "known": None, "exact": True}
     assert warning.startswith("no shape has the parameters of the query, samples=35: ")
 
 
@@ -247,9 +247,10 @@ def test_health_and_capacity_are_reported(http):
     assert http.get("/v1/livez").json() == {"status": "ok"}
     assert http.get("/v1/readyz").json() == {"status": "ok"}
     capacity = http.get("/v1/capacity").json()
-    assert set(capacity) == {"workers", "running", "queued", "max_queued"}
+    assert set(capacity) == {"workers", "running", "queued", "max_queued", "search", "recall"}
     assert capacity["workers"] == 2
     assert capacity["max_queued"] == 10_000
+    assert (capacity["search"], capacity["recall"]) == ("memory", None)
 
 
 @pytest.mark.parametrize("classifier", ["nearest", "vote", "mean", "discriminants"])

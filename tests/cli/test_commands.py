@@ -29,7 +29,7 @@ from unbend.render.request import PictureRequest
 COMMANDS = {
     "serve", "signature", "flatten", "show", "compare", "import", "export", "query", "evaluate", "backup", "restore",
     "keys", "openapi", "demo", "complete", "match", "transfer", "symmetry", "list", "label", "remove", "jobs",
-    "compute", "worker", "index", "migrate", "migrate-library",
+    "compute", "worker", "index", "migrate", "migrate-library", "sweep",
 }  # fmt: skip
 FIGURES = {"nn", "ft", "st", "e", "dcg", "map"}
 GRID = {"columns": 12, "rows": 6}

@@ -29,7 +29,7 @@ def examples() -> list[str]:
 
 
 def test_every_command_has_a_row_and_an_example():
-    rows = set(re.findall(r"`(\w+)`", " ".join(re.findall(r"^\|([^|]*)\|", GUIDE.read_text(), re.MULTILINE))))
+    rows = set(re.findall(r"`([\w-]+)`", " ".join(re.findall(r"^\|([^|]*)\|", GUIDE.read_text(), re.MULTILINE))))
     used = {example.split()[1] for example in examples()}
     assert set(main.commands) - {"serve", "worker", "jobs", "openapi"} <= rows
     assert set(main.commands) == used

@@ -317,7 +317,7 @@ def test_near_and_far_give_equal_results(near, far):
 
 def test_near_and_far_have_the_same_methods_and_arguments():
     own = {
-        "add_computed", "backup", "check_writable", "complete", "disk", "export", "jobs", "keys", "search", "shapes",
+        "add_computed", "address", "backup", "check_writable", "complete", "disk", "export", "jobs", "keys", "search", "shapes",
         "store", "url",
     }  # fmt: skip
     http = {"request", "submit", "job", "job_events"}

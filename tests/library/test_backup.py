@@ -442,9 +442,10 @@ def test_a_running_server_uses_the_restored_library(tmp_path):
         refused = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert (refused.returncode, "would be replaced" in refused.stderr) == (1, True)
         subprocess.run([*command, "--force"], env=environment, check=True, capture_output=True)
-        assert http.get("/v1/shapes").json()["items"] == [first]
+        kept = http.get("/v1/shapes").json()["items"]
+        assert [shape for shape in kept if shape["name"] != "waited"] == [first]  # whose job may have run by now
         assert http.get(f"/v1/shapes/{gone['id']}").status_code == 404
-        assert http.post("/v1/queries", json=query).json()["shapes"] == []
+        assert {match["name"] for match in http.post("/v1/queries", json=query).json()["shapes"]} <= {"waited"}
         again = ended(http, post_mesh(http, small_mesh(1), name="third", **few))
         assert again["state"] == "succeeded"
         found = {shape["name"] for shape in http.get("/v1/shapes").json()["items"]}

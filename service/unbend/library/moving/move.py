@@ -124,7 +124,7 @@ def move_library(
 
 @dataclass(frozen=True)
 class _Fingerprint:
-    """What changes with a library's rows."""
+    """The counters and the epoch, which change with a library's rows."""
 
     epoch: str
     revision: int

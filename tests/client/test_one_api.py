@@ -317,8 +317,8 @@ def test_near_and_far_give_equal_results(near, far):
 
 def test_near_and_far_have_the_same_methods_and_arguments():
     own = {
-        "add_computed", "address", "backup", "check_writable", "complete", "disk", "export", "jobs", "keys", "search", "shapes",
-        "store", "url",
+        "add_computed", "address", "backup", "check_writable", "complete", "disk", "export", "jobs", "keys", "search",
+        "shapes", "store", "url",
     }  # fmt: skip
     http = {"request", "submit", "job", "job_events"}
     public = {name for name in dir(Library) if not name.startswith("_")} - own

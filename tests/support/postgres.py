@@ -33,6 +33,11 @@ class Postgres:
         # The whole command, which `start` repeats: it says where the socket is.
         self._options = shlex.join(shlex.split(Path(folder, "postmaster.opts").read_text())[1:])
 
+    @property
+    def pid(self) -> int:
+        """The id of the server's first process."""
+        return int(Path(self.folder, "postmaster.pid").read_text().split()[0])
+
     def url(self, database: str) -> str:
         """Return the address of a library."""
         return f"postgresql+psycopg://postgres@/{database}?host={quote(self.folder, safe='')}"

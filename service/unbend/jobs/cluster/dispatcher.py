@@ -84,6 +84,7 @@ class ClusterDispatcher:
         self._connecting = connecting
         self._running: dict[str, tuple[JobRecord, asyncio.Task[None]]] = {}
         self._tasks: list[asyncio.Task[None]] = []
+        self._checks: set[asyncio.Task[None]] = set()
         self._is_stopping = False
 
     async def start(self) -> None:
@@ -142,7 +143,8 @@ class ClusterDispatcher:
         """Kill the process of a job if it was cancelled, or given to another worker."""
         if job_id in self._running:
             checking = asyncio.create_task(self._check(job_id))
-            checking.add_done_callback(lambda done: done.cancelled() or done.exception())
+            self._checks.add(checking)  # the event loop itself does not keep tasks alive
+            checking.add_done_callback(self._checks.discard)
 
     async def _report(self) -> None:
         """Tell the servers what this worker can do."""
@@ -152,9 +154,12 @@ class ClusterDispatcher:
             await asyncio.sleep(HEARTBEAT_SECONDS)
 
     async def _check(self, job_id: str) -> None:
-        current = None
-        with contextlib.suppress(NotFoundError):
+        try:
             current = await self._jobs.get(job_id)
+        except NotFoundError:
+            current = None
+        except StoreError:  # whatever the job still writes is ignored
+            return
         if job_id in self._running:
             job, task = self._running[job_id]
             if current is None or current.finished or current.ticket != job.ticket:

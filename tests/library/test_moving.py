@@ -57,8 +57,8 @@ def original(tmp_path_factory) -> str:
         library.jobs.complete_file(job, JobFile("ply", "flät.ply", bytes(range(256)))).result()
         library.jobs.submit_query(Upload(octahedron(2.0), "off", FEW), QueryRequest(), SENT, LIMITS).result()
         library.remove(add(library, b"newest", "newest").id)
-    execute(str(path), "INSERT INTO object_writes (token, sha256, at) VALUES ('token', 'written', 1.5)")
-    execute(str(path), "INSERT INTO object_deletions (sha256, at) VALUES ('deleted', 2.5)")
+    execute(str(path), "INSERT INTO object_writes VALUES (lower(hex(zeroblob(16))), lower(hex(zeroblob(32))), 1.5)")
+    execute(str(path), "INSERT INTO object_deletions VALUES (lower(hex(zeroblob(32))), 2.5, NULL, NULL)")
     return str(path)
 
 

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from typing import Final
 
+from unbend.api.server.background import Background
 from unbend.errors import UnbendError
 from unbend.library import Library
 from unbend.library.sweeping import sweep, tidy
@@ -17,26 +18,18 @@ _HOURS: Final = 24
 _SHOWN: Final = 5
 
 
-class ObjectSweeps:
-    """Sweeps the object store of a library while the server runs; used within one event loop.
+class ObjectSweeps(Background):
+    """Sweeps the object store of a library: at once what an earlier server left, and from then on every hour.
 
     The server deletes only objects that the database names. It reports the others, and leaves them to `unbend sweep
     --delete`, because they may belong to another library, or to the state before a restored backup.
     """
 
+    name = "sweeps"
+
     def __init__(self, library: Library) -> None:
+        super().__init__()
         self._library = library
-        self._task: asyncio.Task[None] | None = None
-
-    def start(self) -> None:
-        """Start sweeping: at once what an earlier server left, and from then on every hour."""
-        self._task = asyncio.create_task(self._run(), name="unbend sweeps")
-
-    async def stop(self) -> None:
-        """Start no more sweeps. A sweep under way ends in its thread."""
-        if self._task:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
         hours = 0

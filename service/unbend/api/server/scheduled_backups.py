@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from unbend.api.server.background import Background
 from unbend.api.server.metrics import Metrics
 from unbend.errors import UnbendError
 from unbend.library import Library
@@ -30,28 +31,20 @@ class BackupPlan:
     keep: int
 
 
-class ScheduledBackups:
+class ScheduledBackups(Background):
     """Makes backups while the server runs; used within one event loop.
 
     The next backup is due `plan.hours` after the newest in the folder, so that a restart makes no additional backup. A
     failed backup is retried after ten minutes, and no earlier backup is deleted.
     """
 
+    name = "backups"
+
     def __init__(self, library: Library, plan: BackupPlan, metrics: Metrics) -> None:
+        super().__init__()
         self._library = library
         self._plan = plan
         self._metrics = metrics
-        self._task: asyncio.Task[None] | None = None
-
-    def start(self) -> None:
-        """Start making backups."""
-        self._task = asyncio.create_task(self._run(), name="unbend backups")
-
-    async def stop(self) -> None:
-        """Start no more backups. A backup under way continues in its thread."""
-        if self._task:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
         while True:

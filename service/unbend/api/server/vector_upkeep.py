@@ -6,6 +6,7 @@ import asyncio
 import logging
 from typing import Final
 
+from unbend.api.server.background import Background
 from unbend.errors import StoreError, VectorsMissingError
 from unbend.library import Library
 from unbend.library.search import SearchChoice
@@ -16,26 +17,19 @@ _AGAIN_SECONDS: Final = 600.0
 """Time between two looks for vectors that are missing, and for indexes that should be built."""
 
 
-class VectorUpkeep:
-    """Makes the vectors of a library in PostgreSQL, and builds their indexes; used within one event loop.
+class VectorUpkeep(Background):
+    """Makes the vectors of a library in PostgreSQL, and builds their indexes.
 
-    Any number of servers may do so at a time: one of them works.
+    Any number of servers may do so at a time: one of them works. That takes minutes for a large library. Searches
+    meanwhile use the index in memory.
     """
 
+    name = "vectors"
+
     def __init__(self, library: Library, choice: SearchChoice) -> None:
+        super().__init__()
         self._library = library
         self._choice = choice
-        self._task: asyncio.Task[None] | None = None
-
-    def start(self) -> None:
-        """Start the upkeep, which takes minutes for a large library. Searches meanwhile use the index in memory."""
-        self._task = asyncio.create_task(self._run(), name="unbend vectors")
-
-    async def stop(self) -> None:
-        """Stop; a build that has begun ends in its thread."""
-        if self._task:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
         while True:

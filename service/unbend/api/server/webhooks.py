@@ -21,6 +21,7 @@ from urllib.parse import urlsplit
 import httpx
 
 from unbend.api.server.addresses import is_loopback
+from unbend.api.server.background import Background
 from unbend.errors import StoreError, UnsuitedError
 from unbend.library.jobs import Jobs
 from unbend.library.records import JobRecord
@@ -74,27 +75,19 @@ def check_callback(url: str, plan: WebhookPlan | None) -> str:
     return url
 
 
-class Webhooks:
+class Webhooks(Background):
     """Calls the webhooks of ended jobs; used within one event loop.
 
     Any response except 2xx is a failure, including a redirect. There are up to ten attempts. The first pause is 2
     seconds. Each further pause is twice as long, but at most an hour, with jitter.
     """
 
+    name = "webhooks"
+
     def __init__(self, jobs: Jobs, plan: WebhookPlan) -> None:
+        super().__init__()
         self._jobs = jobs
         self._plan = plan
-        self._task: asyncio.Task[None] | None = None
-
-    def start(self) -> None:
-        """Start calling webhooks."""
-        self._task = asyncio.create_task(self._run(), name="unbend webhooks")
-
-    async def stop(self) -> None:
-        """Stop calling webhooks; the next server continues."""
-        if self._task:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
         async with httpx.AsyncClient(timeout=_TIMEOUT, follow_redirects=False, trust_env=False) as http:

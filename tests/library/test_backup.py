@@ -402,7 +402,7 @@ if sys.argv[2] == "restore":
     backup._KeyCheck.__call__ = kill
     backup.restore(sys.argv[3], sys.argv[4], overwrite=True)
 else:
-    backup._sync = kill
+    backup.sync = kill
     backup.backup(sys.argv[3], sys.argv[4], overwrite=True)
 """
 

@@ -46,6 +46,7 @@ from sqlalchemy.types import TypeEngine, UserDefinedType
 
 from unbend.arrays import Singles
 from unbend.errors import StoreError, VectorsMissingError
+from unbend.library.storage.postgres import lock
 from unbend.library.storage.schema import descriptors, shapes, signatures
 from unbend.matching.measures import VectorMeasure
 from unbend.matching.measures.vectors import SPECTRUM
@@ -57,9 +58,8 @@ INDEXED_ROWS: Final = 20_000
 """Least number of vectors of a partition for which an index is built: a scan of fewer takes a few milliseconds."""
 
 _LEAST_VERSION: Final = (0, 8)
-_LOCK: Final = 0x756E62656E64
-_BUILD_LOCK: Final = _LOCK + 1
-"""The advisory locks under which tables, and indexes, are made."""
+_BUILD_LOCK: Final = 0x756E62656E65
+"""The advisory lock under which indexes are built: of a session, because they are built outside transactions."""
 _NO_LIMITS: Final = (("statement_timeout", "0"), ("lock_timeout", "0"))
 """Settings of a build, which takes minutes and waits for older transactions."""
 _INDEX_PREFIX: Final = "ix_vectors_embedding_"
@@ -188,7 +188,7 @@ def create_vectors(connection: Connection) -> None:
     VectorsMissingError
         If the server has no pgvector, has an old one, or the role may not create extensions.
     """
-    connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
+    lock(connection, "vectors")
     _create_extension(connection)
     if has_vectors(connection):
         return

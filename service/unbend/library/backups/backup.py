@@ -17,6 +17,7 @@ from unbend.errors import BackupError, ExistsError, ParameterError, StoreError, 
 from unbend.library.backups.staging import KeyRows, KeysChangedError, check_keys, prepare
 from unbend.library.backups.verification import check_rows, check_schema, distrust
 from unbend.library.storage.database import create_schema, must_exist, revisions, sqlite_file
+from unbend.library.storage.disk import sync
 from unbend.library.storage.store import Store
 
 _BUSY_SECONDS: Final = 30
@@ -69,9 +70,9 @@ def backup(url: str, destination: str | Path, *, overwrite: bool = False) -> Bac
         _copy(source, staged)
         found = verify(staged, source)
         shutil.copymode(source, staged)
-        _sync(staged)
+        sync(staged)
         staged.replace(target)
-        _sync(target.parent)
+        sync(target.parent)
     return replace(found, path=target)
 
 
@@ -338,12 +339,3 @@ def _copy_over(staged: Path, store: Store, check: _KeyCheck) -> None:
             source.backup(target, pages=_PAGES, progress=check)
     except sqlite3.DatabaseError as error:
         raise StoreError(f"the library at {store.url} cannot be written: {error}") from error
-
-
-def _sync(path: Path) -> None:
-    """Flush a file, or the entries of a folder, to disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

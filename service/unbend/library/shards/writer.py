@@ -14,6 +14,7 @@ from typing import Any, Final, Self
 from unbend.errors import ResultsError
 from unbend.library.shards.entries import BEGIN, END, FORMAT, SUFFIX, UNFINISHED, Entry, encode, read_unfinished
 from unbend.library.shards.numbering import ShardNumber
+from unbend.library.storage.disk import sync
 
 try:
     import fcntl
@@ -153,11 +154,7 @@ class ShardWriter:
     def _sync_folder(self) -> None:
         """Wait until the new name is on disk. Some file systems cannot wait for a folder, and need not."""
         with suppress(OSError):
-            folder = os.open(self._folder, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            sync(self._folder)
 
     def _opened(self) -> int:
         if self._handle is None:

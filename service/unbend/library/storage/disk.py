@@ -117,6 +117,15 @@ class LibraryDisk:
                 self._reserve.unlink(missing_ok=True)
 
 
+def sync(path: Path) -> None:
+    """Flush a file, or the entries of a folder, to disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 def _identity(path: Path) -> _Identity:
     try:
         found = path.stat()

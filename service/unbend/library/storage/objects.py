@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 from unbend.errors import ObjectDamagedError, ObjectMissingError, ObjectsUnavailableError, ParameterError
 from unbend.extras import extra
+from unbend.library.storage.disk import sync
 
 if TYPE_CHECKING:
     from obstore.store import ClientConfig, LocalStore, RetryConfig
@@ -93,7 +94,7 @@ class Objects:
             if self._folder is not None:
                 path = self._folder / _key(sha256)
                 for each in (path, path.parent, self._folder):
-                    _sync(each)
+                    sync(each)
         return size
 
     def get(self, sha256: str) -> bytes:
@@ -211,12 +212,3 @@ def _unavailable(done: str, reason: str, error: Exception) -> ObjectsUnavailable
 
 def _first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]
-
-
-def _sync(path: Path) -> None:
-    """Flush a file, or the entries of a folder, to disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

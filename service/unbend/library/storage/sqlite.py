@@ -11,8 +11,9 @@ _BUSY_SECONDS: Final = 30
 
 def prepare(engine: Engine) -> Engine:
     """Give the engine of a library's file or memory this program's settings, and return it."""
+    with_own_transactions(engine)
     event.listen(engine, "connect", _set_up)
-    return with_own_transactions(engine)
+    return engine
 
 
 def with_own_transactions(engine: Engine) -> Engine:
@@ -26,8 +27,7 @@ def _disable_driver_transactions(connection: Any, _record: object) -> None:
     connection.isolation_level = None  # `_begin` begins transactions, not the driver
 
 
-def _set_up(connection: Any, record: object) -> None:
-    _disable_driver_transactions(connection, record)
+def _set_up(connection: Any, _record: object) -> None:
     cursor = connection.cursor()
     cursor.execute(f"PRAGMA busy_timeout = {_BUSY_SECONDS * 1000}")
     cursor.execute("PRAGMA journal_mode = WAL")

@@ -58,7 +58,7 @@ class Store:
         self.objects = Objects(objects) if objects else None
         self.deletions = ObjectDeletions(self, self.objects) if self.objects else None
         self._engine = open_engine(url)
-        is_sqlite = self._engine.dialect.name == "sqlite"
+        self._is_sqlite = is_sqlite = self._engine.dialect.name == "sqlite"
         self._reading = (
             self._engine.execution_options(unbend_reading=True) if is_sqlite else postgres.one_state(self._engine)
         )
@@ -94,8 +94,7 @@ class Store:
     @property
     def postgres(self) -> Mapping[str, Any] | None:
         """The arguments with which psycopg connects to the database; None for SQLite."""
-        is_sqlite = self._engine.dialect.name == "sqlite"
-        return None if is_sqlite else postgres.connection_arguments(self._engine)
+        return None if self._is_sqlite else postgres.connection_arguments(self._engine)
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -125,8 +124,7 @@ class Store:
                 raise StoreError("the library is closed")
             if self._writer is None:
                 transactions = _Transactions(self)
-                is_sqlite = self._engine.dialect.name == "sqlite"
-                self._writer = Writer(transactions) if is_sqlite else ConcurrentWriter(transactions)
+                self._writer = Writer(transactions) if self._is_sqlite else ConcurrentWriter(transactions)
             return self._writer.submit(change)
 
     def change(self, change: Callable[[Connection], T]) -> T:
@@ -154,7 +152,7 @@ class Store:
         cache_key : hashable, optional
             A key under which the result is cached until somebody writes to the store. Only reads from files are cached.
         """
-        if self._engine.dialect.name != "sqlite":
+        if not self._is_sqlite:
             return await asyncio.to_thread(self.load, load)
         if self._cache is None or cache_key is None:
             return self.load(load)

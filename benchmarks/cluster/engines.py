@@ -273,7 +273,7 @@ def visible_early(bench: Bench) -> str:
     return "yes" if late and not early and not left else "no"
 
 
-# What an engine brings
+# Properties of an engine
 
 
 def imports(names: str) -> str:

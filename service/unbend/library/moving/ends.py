@@ -35,7 +35,7 @@ TABLES: Final[tuple[Table, ...]] = tuple(table for table in metadata.sorted_tabl
 """The tables whose rows are copied, in an order in which each row follows those that it refers to."""
 
 State = Literal["new", "unfinished", "full"]
-"""What is at the target: nothing, a part of the library that an earlier run copied, or a library with rows."""
+"""The target is empty, has a part of the library that an earlier run copied, or is a library with rows."""
 
 _ENDING_SECONDS: Final = 15.0
 """Time for the sessions of a killed run to end. PostgreSQL notices within 10 seconds that their process has died."""

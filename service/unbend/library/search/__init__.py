@@ -38,7 +38,7 @@ _DEFAULT_KIND: Final = VectorKind(get_vector_measure(DEFAULT_MEASURE), Parameter
 
 @dataclass(frozen=True)
 class SearchStatus:
-    """Who searches, and how well."""
+    """The searcher, and how well it searches."""
 
     by: Literal["memory", "database"]
     recall: float | None

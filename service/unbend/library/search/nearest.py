@@ -69,7 +69,7 @@ _MARGIN: Final = 10
 
 
 SearchChoice = Literal["auto", "memory", "database"]
-"""Who searches: the index in memory, the database, or, by default, the index in memory until it becomes too large."""
+"""The searcher: the index in memory, the database, or by default the index in memory until it becomes too large."""
 
 AUTO_ROWS: Final = 500_000
 """Number of vectors from which the database searches by default: in memory they take 250 MB in each process."""

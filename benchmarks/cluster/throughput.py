@@ -155,7 +155,7 @@ def over_http(workers: int, uploads: int) -> float:
         for number in range(workers):
             stack.enter_context(Worker(folder / f"worker-{number}", library=url, workers=1))
         http = stack.enter_context(server.http())
-        stored(http, mesh(10**5))  # which warms up
+        stored(http, mesh(uploads))  # which warms up
         files = [mesh(number) for number in range(uploads)]
         begun = time.perf_counter()
         places = [post_mesh(http, data).headers["Location"] for data in files]

@@ -326,7 +326,8 @@ def test_a_full_queue_answers_429_with_a_retry_time(small_server):
             ):
                 check(refused, 429, "queue_full")
                 assert int(refused.headers["retry-after"]) >= 1
-            assert client.get("/v1/capacity").json() == {"workers": 1, "running": 2, "queued": 1, "max_queued": 1}
+            capacity = client.get("/v1/capacity").json()
+            assert {"workers": 1, "running": 2, "queued": 1, "max_queued": 1}.items() <= capacity.items()
         finally:
             for response in jobs:
                 client.delete(response.headers["Location"])

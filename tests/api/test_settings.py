@@ -176,6 +176,8 @@ def test_variables_that_are_not_settings_of_the_server_are_ignored(monkeypatch):
         "UNBEND_API_KEY": "unbend_a_b",
         "UNBEND_CONFIG": "read by the command",
         "UNBEND_REQUIRE_SHARED": "1",
+        "UNBEND_REQUIRE_BROWSER": "1",
+        "UNBEND_REQUIRE_POSTGRES": "1",
         # Kubernetes sets these variables for services named unbend and unbend-web.
         "UNBEND_SERVICE_HOST": "10.0.0.1",
         "UNBEND_SERVICE_PORT": "8000",

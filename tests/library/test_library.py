@@ -314,6 +314,7 @@ def test_known_is_none_if_the_nearest_class_has_fewer_than_two_members(library):
         "shapes": [],
         "known": None,
         "warnings": [],
+        "exact": True,
     }
     library.add(small_mesh(0), parameters=FEW)
     unlabelled = library.rank(query)
@@ -330,6 +331,7 @@ def test_a_lone_shape_has_no_neighbours(library):
         "shapes": [],
         "known": None,
         "warnings": [],
+        "exact": True,
     }
 
 

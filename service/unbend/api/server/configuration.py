@@ -24,7 +24,7 @@ from unbend.errors import ParameterError
 OTHER_VARIABLES: Final = frozenset(
     {
         "UNBEND_CONFIG", "UNBEND_URL", "UNBEND_API_KEY", "UNBEND_SHARED_DATA", "UNBEND_REQUIRE_SHARED",
-        "UNBEND_REQUIRE_BROWSER", "UNBEND_CHROMIUM", "UNBEND_WITHOUT_PAGE",
+        "UNBEND_REQUIRE_BROWSER", "UNBEND_REQUIRE_POSTGRES", "UNBEND_CHROMIUM", "UNBEND_WITHOUT_PAGE",
     }
 )  # fmt: skip
 """Variables with the prefix that are not settings: those of the command line, the clients, and the tests."""

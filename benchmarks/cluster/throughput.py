@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -120,8 +120,12 @@ def through_the_queue(jobs: int) -> list[list[object]]:
 
 def cpu_seconds_of(postgres: Postgres) -> float:
     """Return the processor time of the server's present processes."""
-    times = (each.cpu_times() for each in psutil.Process(postgres.pid).children(recursive=True))
-    return sum(each.user + each.system for each in times)
+    used = 0.0
+    for each in psutil.Process(postgres.pid).children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # it ended just now
+            times = each.cpu_times()
+            used += times.user + times.system
+    return used
 
 
 def real_jobs(uploads: int) -> list[list[object]]:

@@ -40,7 +40,8 @@ def ply(surface: Surface) -> bytes:
 
 def small_mesh(number: int) -> bytes:
     """Return a torus of 60 vertices, different for each number."""
-    return ply(torus(minor=0.2 + 0.001 * number, columns=10, rows=6))
+    wider, thicker = divmod(number, 700)
+    return ply(torus(major=1.0 + 0.001 * wider, minor=0.2 + 0.001 * thicker, columns=10, rows=6))
 
 
 def two_rings(number: int, **grid: int) -> Surface:

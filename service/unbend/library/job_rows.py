@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
-from sqlalchemy import Connection, bindparam, delete, exists, func, insert, select, text, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    FromClause,
+    Select,
+    bindparam,
+    delete,
+    exists,
+    func,
+    insert,
+    select,
+    union_all,
+    update,
+)
 from sqlalchemy.engine import Row
 
 from unbend.errors import NotFoundError
@@ -16,7 +29,7 @@ from unbend.library.records import JobFile, JobPage, JobRecord
 from unbend.library.requests import JobRequest, UploadKey, decode_parameters, decode_policy, decode_request, kind_of
 from unbend.library.shape_rows import delete_unused_mesh, parse_cursor
 from unbend.library.storage.log_eraser import mark_erased
-from unbend.library.storage.postgres import wait_less
+from unbend.library.storage.postgres import without_wait
 from unbend.library.storage.schema import Instant, job_files, jobs
 from unbend.library.stored_rankings import pack_ranking, unpack_ranking
 from unbend.progress import Progress
@@ -44,26 +57,13 @@ _SENT = (
     .where(jobs.c.idempotency == bindparam("idempotency"), jobs.c.created_at >= bindparam("since", type_=Instant()))
     .order_by(jobs.c.seq.desc())
 )
-_COUNT_QUEUED = select(func.count()).select_from(jobs).where(jobs.c.state == "queued")
+_QUEUED = jobs.c.state == "queued"
+_COUNT_QUEUED = select(func.count()).select_from(jobs).where(_QUEUED)
 _OWNED = jobs.c.owner.is_not_distinct_from(bindparam("owner"))
 _COUNT_UNFINISHED = select(func.count()).select_from(jobs).where(_UNFINISHED, _OWNED)
 _COUNT_OWNED_BEFORE = _COUNT_QUEUED.where(_OWNED, jobs.c.seq < bindparam("seq"))
 _BY_OWNER = (
     select(jobs.c.owner, func.count().label("number")).where(jobs.c.state == bindparam("state")).group_by(jobs.c.owner)
-)
-# Steps from owner to owner through the index. To group the whole queue would take longer, the longer the queue is.
-_WAITING_OWNERS = text(
-    """
-    WITH RECURSIVE found (owner) AS (
-        SELECT min(owner) FROM jobs WHERE state = 'queued'
-        UNION ALL
-        SELECT (SELECT min(owner) FROM jobs WHERE state = 'queued' AND owner > found.owner)
-        FROM found WHERE found.owner IS NOT NULL
-    )
-    SELECT owner FROM found WHERE owner IS NOT NULL
-    UNION ALL
-    SELECT NULL WHERE EXISTS (SELECT 1 FROM jobs WHERE state = 'queued' AND owner IS NULL)
-    """
 )
 _other = jobs.alias("other")
 _EQUAL_UPLOAD_RUNS = exists().where(
@@ -73,23 +73,34 @@ _EQUAL_UPLOAD_RUNS = exists().where(
     _other.c.parameters == jobs.c.parameters,
     _other.c.policy == jobs.c.policy,
 )
-_OLDEST = (
-    select(jobs.c.seq)
-    .where(jobs.c.state == "queued", _OWNED, (jobs.c.kind != "shape") | ~_EQUAL_UPLOAD_RUNS)
-    .order_by(jobs.c.seq)
-    .limit(1)
-    .with_for_update(of=jobs, skip_locked=True)
-)
-_NTH = (
-    select(jobs.c.seq)
-    .where(jobs.c.state == "queued", _OWNED)
-    .order_by(jobs.c.seq)
-    .limit(1)
-    .offset(bindparam("skipped"))
-)
+
+
+def _turn(is_owner: Callable[[FromClause], ColumnElement[bool]], *owners: FromClause) -> Select[Any]:
+    """Return a query for the oldest job of an owner that can start, and for the number of the owner's running jobs."""
+    oldest = (
+        select(jobs.c.seq)
+        .where(_QUEUED, is_owner(jobs), (jobs.c.kind != "shape") | ~_EQUAL_UPLOAD_RUNS)
+        .order_by(jobs.c.seq)
+        .limit(1)
+        .with_for_update(of=jobs, skip_locked=True)
+    )
+    running = select(func.count()).select_from(_other).where(_other.c.state == "running", is_owner(_other))
+    numbers = [query.correlate(*owners).scalar_subquery() for query in (oldest, running)]
+    return select(numbers[0].label("seq"), numbers[1].label("running")).select_from(*owners)
+
+
+# Steps from owner to owner through the index. To group the whole queue would take longer, the longer the queue is.
+_first = select(func.min(jobs.c.owner).label("owner")).where(_QUEUED).cte("waiting", recursive=True)
+_following = select(func.min(jobs.c.owner)).where(_QUEUED, jobs.c.owner > _first.c.owner).scalar_subquery()
+_waiting = _first.union_all(select(_following).where(_first.c.owner.is_not(None)))
+_turns = union_all(
+    _turn(lambda table: table.c.owner == _waiting.c.owner, _waiting), _turn(lambda table: table.c.owner.is_(None))
+).subquery("turns")
+_NEXT = select(_turns.c.seq).where(_turns.c.seq.is_not(None)).order_by(_turns.c.running, _turns.c.seq).limit(1)
+_NTH = select(jobs.c.seq).where(_QUEUED, _OWNED).order_by(jobs.c.seq).limit(1).offset(bindparam("skipped"))
 _CLAIM = (
     update(jobs)
-    .where(jobs.c.seq == bindparam("chosen"), jobs.c.state == "queued")
+    .where(jobs.c.seq == _NEXT.scalar_subquery(), _QUEUED)
     .values(
         state="running",
         stage="starting",
@@ -99,8 +110,11 @@ _CLAIM = (
     )
     .returning(*jobs.c)
 )
+# A crash returns the job to the queue. Nobody was told then that the claim succeeded.
+_CLAIM_WITHOUT_WAIT = without_wait(_CLAIM)
 _CLAIMED = select(jobs).where(jobs.c.state == "running", jobs.c.ticket == bindparam("ticket"))
 _FINISH = update(jobs).where(jobs.c.id == bindparam("job_id"), _UNFINISHED).returning(*jobs.c)
+_FINISH_CLAIMED = _FINISH.where(jobs.c.ticket.is_not_distinct_from(bindparam("claimed", type_=jobs.c.ticket.type)))
 
 
 @dataclass(frozen=True)
@@ -255,12 +269,8 @@ def claim(connection: Connection, ticket: int | None = None) -> JobRecord | None
     API keys take turns: next is the oldest job of the key with the fewest running jobs. An upload waits while an equal
     upload runs, because it can then use the stored shape.
     """
-    seq = _next(connection)
-    if seq is None:
-        return None
-    wait_less(connection)  # a crash returns the job to the queue, and nobody was told of the claim's success
-    values = {"chosen": seq, "ticket": ticket, "now": datetime.now(UTC)}
-    row = connection.execute(_CLAIM, values).one_or_none()
+    change = _CLAIM_WITHOUT_WAIT if connection.dialect.name == "postgresql" else _CLAIM
+    row = connection.execute(change, {"ticket": ticket, "now": datetime.now(UTC)}).one_or_none()
     return None if row is None else _record(row)
 
 
@@ -286,19 +296,6 @@ def position(connection: Connection, job: JobRecord) -> int | None:
             if before < count and before + running_count == turn:  # in the same turn, the older job starts first
                 ahead += (connection.scalar(_NTH, {"owner": owner, "skipped": before}) or 0) < job.seq
     return ahead
-
-
-def _next(connection: Connection) -> int | None:
-    waiting = list(connection.scalars(_WAITING_OWNERS))
-    if len(waiting) == 1:  # nobody to take turns with
-        return connection.scalar(_OLDEST, {"owner": waiting[0]})
-    running = _by_owner(connection, "running")
-    for count in sorted({running.get(owner, 0) for owner in waiting}):
-        level = [owner for owner in waiting if running.get(owner, 0) == count]
-        found: list[int | None] = [connection.scalar(_OLDEST, {"owner": owner}) for owner in level]
-        if seqs := [seq for seq in found if seq is not None]:
-            return min(seqs)
-    return None
 
 
 def _by_owner(connection: Connection, state: JobState) -> dict[str | None, int]:
@@ -331,8 +328,12 @@ def finish(
     ignored: Sequence[str] = (),
     file: JobFile | None = None,
     reached: Progress | None = None,
+    claimed: JobRecord | None = None,
 ) -> JobRecord | None:
-    """End an unfinished job, and delete its mesh if nothing else needs the mesh; None if the job had ended before."""
+    """End an unfinished job, and delete its mesh if nothing else needs the mesh; None if the job had ended before.
+
+    If `claimed` is given, this does nothing either if the job now has another ticket.
+    """
     values: dict[str, Any] = {
         "state": state,
         "finished_at": datetime.now(UTC),
@@ -346,7 +347,11 @@ def finish(
         values |= {"stage": "done", "progress": 1.0, "shape_id": shape_id}
     elif reached:
         values |= {"stage": reached.stage, "progress": reached.share}
-    row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
+    if claimed is None:
+        row = connection.execute(_FINISH, {"job_id": job_id, **values}).one_or_none()
+    else:
+        same = {"job_id": job_id, "claimed": claimed.ticket}
+        row = connection.execute(_FINISH_CLAIMED, {**same, **values}).one_or_none()
     if row is None:
         return None
     if row.callback is not None:

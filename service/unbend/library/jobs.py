@@ -176,7 +176,7 @@ class Jobs:
                 return job  # an earlier run of this change was committed, but its connection was lost
             return job_rows.claim(connection, ticket)
 
-        return self._store.submit(claim)
+        return self._store.submit(claim, is_statement=True)
 
     def requeue(self, job: JobRecord, cause: Cause) -> Future[None]:
         """Return a running job to its old place in the queue."""
@@ -286,12 +286,7 @@ class Jobs:
         )
 
     def _finish(self, job: JobRecord, state: JobState, **values: Any) -> Future[JobRecord | None]:
-        def finish(connection: Connection) -> JobRecord | None:
-            if not job_rows.is_current(connection, job):
-                return None
-            return job_rows.finish(connection, job.id, state, **values)
-
-        return self._store.submit(finish)
+        return self._store.submit(lambda connection: job_rows.finish(connection, job.id, state, claimed=job, **values))
 
     # History
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from sqlalchemy import URL, Connection, Engine, create_engine, text
+from sqlalchemy import URL, Connection, Engine, Update, create_engine, func, text
 from sqlalchemy.exc import DBAPIError, OperationalError, TimeoutError  # noqa: A004
 
 from unbend.errors import StoreVersionError
@@ -84,6 +84,11 @@ def one_state(engine: Engine) -> Engine:
     return engine.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
 
 
+def one_statement(engine: Engine) -> Engine:
+    """Return an engine that commits each statement by itself."""
+    return engine.execution_options(isolation_level="AUTOCOMMIT")
+
+
 def begin_migration(connection: Connection) -> None:
     """Wait until no other process migrates the database, without a limit on time.
 
@@ -126,13 +131,11 @@ def lock(connection: Connection, name: str) -> None:
         connection.execute(_LOCK, {"name": f"unbend {name}"})
 
 
-def wait_less(connection: Connection) -> None:
-    """Let the commit of this transaction not wait for the disk: a crash of the database may undo it."""
-    if connection.dialect.name == "postgresql":
-        connection.execute(_WAIT_LESS)
+def without_wait(change: Update) -> Update:
+    """Return a change whose commit does not wait for the disk: a crash of the database may undo it."""
+    return change.where(func.set_config("synchronous_commit", "off", True) == "off")
 
 
-_WAIT_LESS: Final = text("SET LOCAL synchronous_commit = off")
 _VERSION: Final = text("SELECT current_setting('server_version_num')::integer / 10000")
 _LOCK: Final = text("SELECT pg_advisory_xact_lock(hashtextextended(:name, 0))")
 _SESSIONS: Final = text(

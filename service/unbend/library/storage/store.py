@@ -62,6 +62,7 @@ class Store:
         self._reading = (
             self._engine.execution_options(unbend_reading=True) if is_sqlite else postgres.one_state(self._engine)
         )
+        self._of_one_statement = self._engine if is_sqlite else postgres.one_statement(self._engine)
         self._is_in_memory = is_in_memory(url)
         self._eraser = LogEraser(self._engine) if is_sqlite else None
         if migrate:
@@ -103,11 +104,18 @@ class Store:
         with as_store_error(), self._reading.connect() as connection:
             yield connection
 
-    def submit(self, change: Callable[[Connection], T]) -> Future[T]:
+    def submit(self, change: Callable[[Connection], T], *, is_statement: bool = False) -> Future[T]:
         """Queue a change for the writer; the change is on disk when the future has its result.
 
         A change may run several times (see `Writer` and `retried`). If the database is in memory, the change runs in
         the caller's thread.
+
+        Parameters
+        ----------
+        change : callable
+        is_statement : bool, default False
+            Whether the change writes by one statement only. PostgreSQL then commits it by itself, without two more
+            round trips.
 
         Raises
         ------
@@ -125,7 +133,7 @@ class Store:
             if self._writer is None:
                 transactions = _Transactions(self)
                 self._writer = Writer(transactions) if self._is_sqlite else ConcurrentWriter(transactions)
-            return self._writer.submit(change)
+            return self._writer.submit(change, is_statement=is_statement)
 
     def change(self, change: Callable[[Connection], T]) -> T:
         """Run a change, and wait until its result is on disk; raises as the future of `submit` does."""
@@ -205,13 +213,14 @@ class Store:
         return int(pages) * int(size)
 
     @contextmanager
-    def write(self) -> Iterator[Connection]:
+    def write(self, *, is_statement: bool = False) -> Iterator[Connection]:
         """Yield a connection whose changes are committed together when the block ends without an error.
 
         Only the transactions of `submit` use this; all other code calls `change` or `submit`.
         """
         self.check()
-        with as_store_error(), self._engine.begin() as connection:
+        engine = self._of_one_statement if is_statement else self._engine
+        with as_store_error(), engine.begin() as connection:
             take_mark(connection)  # discard the marks of an earlier transaction that was rolled back
             take_dropped(connection)
             yield connection
@@ -231,13 +240,13 @@ class _Transactions:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def batch(self, change: Callable[[Connection], T]) -> T:
-        with self._store.write() as connection:
+    def batch(self, change: Callable[[Connection], T], *, is_statement: bool = False) -> T:
+        with self._store.write(is_statement=is_statement) as connection:
             return change(connection)
 
-    def single(self, change: Callable[[Connection], T]) -> T:
+    def single(self, change: Callable[[Connection], T], *, is_statement: bool = False) -> T:
         try:
-            return retried(partial(self.batch, change))
+            return retried(partial(self.batch, change, is_statement=is_statement))
         except StoreFullError as error:
             # `LibraryDisk.admit_upload` refuses with an error that has no cause. A refusal must not use up the reserve.
             if error.__cause__ is None or self._store.disk is None or not self._store.disk.release():

@@ -37,7 +37,7 @@ class Transactions(Protocol):
     def batch(self, change: Callable[[Connection], T]) -> T:
         """Run a change in a transaction."""
 
-    def single(self, change: Callable[[Connection], T]) -> T:
+    def single(self, change: Callable[[Connection], T], *, is_statement: bool = False) -> T:
         """Run a change in a transaction; if the disk is full, again with the reserved space."""
 
 
@@ -55,7 +55,7 @@ class Writer:
         self._thread = threading.Thread(target=self._run, name="unbend writer", daemon=True)
         self._thread.start()
 
-    def submit(self, change: Callable[[Connection], T]) -> Future[T]:
+    def submit(self, change: Callable[[Connection], T], *, is_statement: bool = False) -> Future[T]:  # noqa: ARG002
         """Queue a change; the future has the result, or the error that the change or the store raised."""
         future: Future[T] = Future()
         self._waiting.put((change, future))
@@ -109,9 +109,9 @@ class ConcurrentWriter:
         self._transactions = transactions
         self._threads = ThreadPoolExecutor(_MOST_AT_ONCE, thread_name_prefix="unbend writer")
 
-    def submit(self, change: Callable[[Connection], T]) -> Future[T]:
+    def submit(self, change: Callable[[Connection], T], *, is_statement: bool = False) -> Future[T]:
         """Queue a change; the future has the result, or the error that the change or the store raised."""
-        return self._threads.submit(self._transactions.single, change)
+        return self._threads.submit(self._transactions.single, change, is_statement=is_statement)
 
     def close(self) -> None:
         """Run the queued changes, and stop."""

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Final
 
 import psutil
+from threadpoolctl import threadpool_limits
 
 from benchmarks.common import ROOT, table, write_section
 from tests.support.postgres import Postgres, running_postgres
@@ -132,7 +133,9 @@ def real_jobs(uploads: int) -> list[list[object]]:
     """Return rows of the second table."""
     rows: list[list[object]] = []
     for number in (1, 2):
-        with ProcessPoolExecutor(number, multiprocessing.get_context("spawn")) as processes:
+        spawn = multiprocessing.get_context("spawn")
+        # One thread each, as workers have.
+        with ProcessPoolExecutor(number, spawn, threadpool_limits, (1,)) as processes:
             list(processes.map(compute, range(number * 2)))  # which loads the kernels
             begun = time.perf_counter()
             list(processes.map(compute, range(uploads)))

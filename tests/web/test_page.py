@@ -481,6 +481,9 @@ def test_a_late_refusal_of_a_request_without_a_key_leaves_the_new_key(
     use = fill_in_key(page, secret)
     with page.expect_request("**/v1/classes"):
         use.click()
+    for _ in range(100):
+        if len(held) < 2:
+            page.wait_for_timeout(100)  # a request is seen before it is held
     early, late = held
     with page.expect_response("**/v1/classes"):
         early.continue_()

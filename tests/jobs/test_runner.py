@@ -593,3 +593,21 @@ def test_another_measure_for_the_same_file_computes_nothing_again(tmp_path):
     assert [job.result["measure"] for job in (first, second)] == ["spectrum", "moments"]
     assert first.result["shapes"][0]["distance"] != second.result["shapes"][0]["distance"]
     assert third.result["shapes"] == []
+
+
+def test_a_ticket_whose_return_the_database_interrupts_is_returned_again(postgres, postgres_url):
+    name = postgres_url.partition("?")[0].rpartition("/")[2]
+    waiting = f"FROM pg_stat_activity WHERE datname = '{name}' AND wait_event_type = 'Lock'"
+    with Library(postgres_url) as library:
+
+        async def story(runner: JobRunner) -> None:
+            job_id = await queue(runner, medium_mesh(), Parameters(samples=500))
+            await until(runner, job_id, computing)
+            with library.store.write() as connection:
+                connection.exec_driver_sql("SELECT id FROM procrastinate_jobs FOR UPDATE").one()
+                assert (await end(runner, job_id)).state == "succeeded"
+                await until_true(lambda: bool(postgres.execute(f"SELECT pid {waiting}")))
+                postgres.execute(f"SELECT pg_terminate_backend(pid) {waiting}")
+            await until_true(lambda: rows(library, "procrastinate_jobs") == 0)
+
+        run_with(library, LIMITS, story)

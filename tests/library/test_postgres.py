@@ -117,6 +117,13 @@ def test_no_two_workers_claim_one_job(library, other):
     assert len(ids) == len(set(ids)) == 20
 
 
+def test_a_claim_whose_answer_was_lost_is_answered_again_and_takes_no_second_job(library):
+    for _ in range(2):
+        submit(library)
+    claim = library.jobs.claims(7)
+    assert claim().result() == claim().result()
+
+
 def test_only_one_of_several_ends_of_a_job_counts(library, other):
     job = submit(library).job
     assert library.jobs.claim(5).result().id == job.id

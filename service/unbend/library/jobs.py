@@ -169,6 +169,13 @@ class Jobs:
 
     def claim(self, ticket: int | None = None) -> Future[JobRecord | None]:
         """Start the next job and return it; None if no queued job can start."""
+        return self.claims(ticket)()
+
+    def claims(self, ticket: int | None) -> Callable[[], Future[JobRecord | None]]:
+        """Return a function that does the same as `claim`, and may be called again after a StoreError.
+
+        It then returns the job of the failed call, if that call claimed one and only its answer was lost.
+        """
         runs = itertools.count()
 
         def claim(connection: Connection) -> JobRecord | None:
@@ -176,7 +183,7 @@ class Jobs:
                 return job  # an earlier run of this change was committed, but its connection was lost
             return job_rows.claim(connection, ticket)
 
-        return self._store.submit(claim, is_statement=True)
+        return partial(self._store.submit, claim, is_statement=True)
 
     def requeue(self, job: JobRecord, cause: Cause) -> Future[None]:
         """Return a running job to its old place in the queue."""

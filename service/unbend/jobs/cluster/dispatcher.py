@@ -17,9 +17,9 @@ from typing import Any, Final
 
 from procrastinate import App, JobContext, PsycopgConnector
 from procrastinate.exceptions import ConnectorException
-from psycopg import AsyncConnection
+from psycopg import AsyncConnection, OperationalError
 from psycopg import Error as PsycopgError
-from psycopg_pool import AsyncConnectionPool, PoolTimeout
+from psycopg_pool import AsyncConnectionPool, PoolClosed, PoolTimeout
 
 from unbend.errors import NotFoundError, StoreError, WorkerLostError
 from unbend.jobs.cluster.news import News, WorkerNews
@@ -53,8 +53,11 @@ A plan that was made while the queue was empty, or before PostgreSQL has its sta
 each ticket. A crash of the database may return a used ticket to the queue, where it does no harm.
 """
 
-_WAIT_SECONDS: Final = 0.5
-"""Time between two attempts to claim a job while each has to wait for another."""
+_SHORTEST_WAIT: Final = 0.01
+"""Seconds between the first two attempts to claim a job. Another claim may have the queue's rows for a moment."""
+
+_LONGEST_WAIT: Final = 0.5
+"""Seconds between two later attempts, while every queued upload waits for an equal one that runs."""
 
 _ENDING_SECONDS: Final = 5.0
 """Time that a stopping worker has to return its jobs to the queue."""
@@ -190,7 +193,7 @@ class ClusterDispatcher:
 
     def _new_connector(self) -> PsycopgConnector:
         options = f"{self._connecting['options']} {_QUEUE_OPTIONS}"
-        return PsycopgConnector(
+        return _PatientConnector(
             kwargs={**self._connecting, "options": options},
             min_size=1,
             max_size=self._pool.size + 4,
@@ -210,10 +213,12 @@ class ClusterDispatcher:
 
     async def _run_ticket(self, context: JobContext) -> None:
         """Claim the next job that can start, and run it."""
-        while (job := await self._execution.retry(partial(self._jobs.claim, context.job.id))) is None:
+        wait, claim = _SHORTEST_WAIT, self._jobs.claims(context.job.id)
+        while (job := await self._execution.retry(claim)) is None:
             if not await self._count_queued():
                 return
-            await asyncio.sleep(_WAIT_SECONDS)  # every queued upload waits for an equal one that runs
+            await asyncio.sleep(wait)
+            wait = min(2 * wait, _LONGEST_WAIT)
         task = asyncio.create_task(self._execution.run(job), name=f"unbend job {job.id}")
         self._running[job.id] = job, task
         heartbeats = asyncio.create_task(self._send_heartbeats(context))
@@ -258,6 +263,25 @@ class ClusterDispatcher:
                     logger.warning("%d queued jobs have no ticket: they get new ones", number)
                     await asyncio.wrap_future(self._jobs.issue_tickets(number, LOST_SECONDS))
                 suspects, was_missing = found, missing
+
+
+class _PatientConnector(PsycopgConnector):
+    """Repeats statements without a result, such as the return of a ticket, until the database answers.
+
+    Procrastinate itself gives up the ticket. The ticket would then seem to be in use for as long as the worker lives.
+    """
+
+    async def execute_query_async(self, query: Any, **arguments: Any) -> None:
+        while True:
+            try:
+                await super().execute_query_async(query, **arguments)
+            except ConnectorException as error:
+                if not isinstance(error.__cause__, OperationalError) or isinstance(error.__cause__, PoolClosed):
+                    raise
+                logger.warning("the queue cannot be used; trying again: %s", error.__cause__)
+                await asyncio.sleep(RETRY_SECONDS)
+            else:
+                return
 
 
 async def _commit_each_statement(connection: AsyncConnection[Any]) -> None:

@@ -11,7 +11,8 @@ import asyncio
 import contextlib
 import logging
 import uuid
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import Future
 from functools import partial
 from typing import Any, Final
 
@@ -214,7 +215,7 @@ class ClusterDispatcher:
     async def _run_ticket(self, context: JobContext) -> None:
         """Claim the next job that can start, and run it."""
         wait, claim = _SHORTEST_WAIT, self._jobs.claims(context.job.id)
-        while (job := await self._execution.retry(claim)) is None:
+        while (job := await self._claimed(claim)) is None:
             if not await self._count_queued():
                 return
             await asyncio.sleep(wait)
@@ -233,8 +234,22 @@ class ClusterDispatcher:
             self._running.pop(job.id)
             self._subscriptions.discard(job.id)
             if task.cancelled():  # does nothing if the job was cancelled
-                with contextlib.suppress(StoreError):
-                    await self._execution.retry(partial(self._jobs.requeue, job, "stopped"))
+                await self._return(job)
+
+    async def _claimed(self, claim: Callable[[], Future[JobRecord | None]]) -> JobRecord | None:
+        """Return the job of a claim. If this is cancelled meanwhile, the job returns to the queue."""
+        claiming = asyncio.create_task(self._execution.retry(claim))
+        try:
+            return await asyncio.shield(claiming)
+        except asyncio.CancelledError:
+            with contextlib.suppress(StoreError):
+                if job := await claiming:
+                    await self._return(job)
+            raise
+
+    async def _return(self, job: JobRecord) -> None:
+        with contextlib.suppress(StoreError):
+            await self._execution.retry(partial(self._jobs.requeue, job, "stopped"))
 
     async def _count_queued(self) -> int:
         try:

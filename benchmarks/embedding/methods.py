@@ -10,6 +10,7 @@ import numpy as np
 
 from unbend.embedding.gradient import StressGradient
 from unbend.embedding.quasi_newton import minimise
+from unbend.threads import Team
 
 Array = np.ndarray
 Search = Callable[["Recorder", Array], object]
@@ -21,7 +22,7 @@ class Recorder:
     """Evaluates eq. 7 and the step of SMACOF, and records the value of each evaluation."""
 
     def __init__(self, distances: Array) -> None:
-        self._gradient = StressGradient(distances, None, single=False, threads=1)
+        self._gradient = StressGradient(distances, None, single=False, team=Team(1))
         self.count = len(distances)
         self.values: list[float] = []
 

@@ -28,6 +28,7 @@ from unbend.embedding.classical import classical_scaling, inner_products
 from unbend.embedding.gradient import StressGradient
 from unbend.embedding.least_squares import smacof
 from unbend.embedding.stress import stress
+from unbend.threads import Team
 
 Array = np.ndarray
 
@@ -53,7 +54,7 @@ def main() -> None:
 def _peers() -> str:
     distances = matrix_of(DATA / "single" / "human_man.obj", LARGE)
     start = classical_scaling(distances, 3)[0]
-    gradient, axes = StressGradient(distances, None, single=True, threads=1), np.ascontiguousarray(start.T)
+    gradient, axes = StressGradient(distances, None, single=True, team=Team(1)), np.ascontiguousarray(start.T)
     warnings.simplefilter("ignore", FutureWarning)
     upper = distances[np.triu_indices(LARGE, 1)]
 

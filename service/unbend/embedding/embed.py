@@ -24,7 +24,7 @@ from unbend.embedding.least_squares import Progress, smacof
 from unbend.embedding.starts import low_starts, random_points
 from unbend.embedding.stress import stress
 from unbend.errors import ParameterError, check_choice
-from unbend.threads import check_threads
+from unbend.threads import check_threads, one_blas_thread
 from unbend.tolerances import REPRESENTATION_ERROR, SMACOF_ITERATIONS
 
 Method = Literal["classical", "least_squares", "fast"]
@@ -140,12 +140,11 @@ def embed(
     pairs, shares = _checked_weights(weights, method, len(matrix))
     pairs, weight_power = (None, 0) if pairs is None else scaled_to_range(pairs)
     problem = _Problem(matrix, method, pairs, shares, starts, seed, threads, progress)
-    if dimensions == AUTO:
-        found = _fewest(problem, criterion, threshold)
-    elif _is_count(dimensions) and dimensions > 0:
-        found = _embedded(problem, int(dimensions))
-    else:
+    if dimensions != AUTO and not (_is_count(dimensions) and dimensions > 0):
         raise ParameterError(f'dimensions must be a whole number from 1, or "auto", not {dimensions!r}')
+    with one_blas_thread(len(matrix)):
+        automatic = dimensions == AUTO
+        found = _fewest(problem, criterion, threshold) if automatic else _embedded(problem, int(dimensions))
     return replace(
         found,
         points=rescaled(found.points, power),

@@ -8,11 +8,16 @@ import numpy as np
 
 from unbend.arrays import Floats
 from unbend.jit import kernel
-from unbend.threads import check_threads, share_out
+from unbend.threads import Team, check_threads
 
 _ROWS: Final = 64  # rows of distances in a block; sums are made per block, so they do not depend on threads
-_THREADED: Final = 1000  # fewest points for which threads are used; for fewer, starting threads takes longer
+_THREADED: Final = 1500  # fewest points for which threads are used; for fewer, their wake-up takes longer
 _NONE: Final = np.empty((0, 0), np.float32)
+
+
+def team_for(count: int, threads: int | None) -> Team:
+    """Return the threads that share the gradients of `count` points: at most `threads`, by default all cores."""
+    return Team(check_threads(threads) if count >= _THREADED else 1)
 
 
 class StressGradient:
@@ -25,11 +30,11 @@ class StressGradient:
         Ones by default.
     single : bool
         Whether to compute in single precision: half the memory, twice the speed. Sums are in double precision.
-    threads : int, optional
-        All cores by default; the result does not depend on it.
+    team : Team
+        Threads that share the work; the result does not depend on their number.
     """
 
-    def __init__(self, distances: Floats, weights: Floats | None, *, single: bool, threads: int | None) -> None:
+    def __init__(self, distances: Floats, weights: Floats | None, *, single: bool, team: Team) -> None:
         kind = np.float32 if single else np.float64
         count = len(distances)
         self._total = float(np.einsum("ij,ij", distances, distances)) / 2 or 1.0
@@ -37,7 +42,7 @@ class StressGradient:
         self._distances = np.empty((count, count), kind)
         np.divide(distances, self._scale, out=self._distances, casting="same_kind")  # without a copy in double
         self._weights = _NONE.astype(kind) if weights is None else weights.astype(kind)
-        self._threads = check_threads(threads) if count >= _THREADED else 1
+        self._team = team
         self._blocks = -(-count // _ROWS)
         self._losses = np.empty((self._blocks, count), kind)
 
@@ -53,10 +58,10 @@ class StressGradient:
         def work(part: slice) -> None:
             add_blocks(points, self._distances, self._weights, part.start, part.stop, gradients, self._losses)
 
-        if self._threads == 1:
+        if self._team.threads == 1:
             work(slice(0, self._blocks))
         else:
-            share_out(self._blocks, self._threads, work)
+            self._team.share_out(self._blocks, work)
         raw = 0.5 * self._losses.sum(dtype=np.float64) * self._scale**2
         return raw / self._total, gradients.sum(axis=0, dtype=np.float64) * self._scale
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from unbend.arrays import Floats
-from unbend.embedding.gradient import StressGradient
+from unbend.embedding.gradient import StressGradient, team_for
 from unbend.embedding.quasi_newton import minimise
 from unbend.errors import ParameterError
 from unbend.tolerances import SINGLE_STRESS, SMACOF_DECREASE, SMACOF_ITERATIONS, SMACOF_MEMORY, ZERO_STRESS
@@ -70,17 +70,18 @@ def smacof(
         weights = None if are_equal(weights) else weights / weights.max()
     inverse = _laplacian_inverse(weights, len(distances))
     axes, made = np.ascontiguousarray((start - start.mean(axis=0)).T), 0
-    for single, floor in ((True, SINGLE_STRESS), (False, ZERO_STRESS)):
-        report = None if progress is None else _counted_from(made, progress)
-        function = StressGradient(distances, weights, single=single, threads=threads)
-        found = minimise(
-            function, inverse, axes,
-            memory=memory, decrease=decrease, evaluations=iterations - made, floor=floor,
-            progress=report,
-        )  # fmt: skip
-        axes, made = found.point, made + found.evaluations
-        if found.value > floor:
-            break
+    with team_for(len(distances), threads) as team:
+        for single, floor in ((True, SINGLE_STRESS), (False, ZERO_STRESS)):
+            report = None if progress is None else _counted_from(made, progress)
+            function = StressGradient(distances, weights, single=single, team=team)
+            found = minimise(
+                function, inverse, axes,
+                memory=memory, decrease=decrease, evaluations=iterations - made, floor=floor,
+                progress=report,
+            )  # fmt: skip
+            axes, made = found.point, made + found.evaluations
+            if found.value > floor:
+                break
     return np.ascontiguousarray(axes.T), made
 
 

@@ -14,7 +14,7 @@ def stress(points: Floats, distances: Floats, weights: Floats | None = None) -> 
     The stress is sum_{i<j} w_ij (delta_ij - d_ij)^2 / sum_{i<j} delta_ij^2, where delta are the given `distances`, d
     the distances between the `points`, and w the weights, 1 by default. If all given distances are zero, it is 0.
     """
-    total = float((distances**2).sum()) / 2
+    total = float(np.einsum("ij,ij", distances, distances)) / 2  # without a temporary matrix
     raw = raw_stress(points, distances, weights if weights is not None else np.empty((0, 0)))
     return raw / total if total > 0 else 0.0
 

@@ -32,6 +32,7 @@ from unbend.progress import Progress, ProgressCallback, ignore
 from unbend.signature.connectivity import signature_faces
 from unbend.signature.parameters import MAX_SAMPLES, Parameters, ParametersLike
 from unbend.signature.signature import Signature
+from unbend.threads import one_blas_thread
 from unbend.tolerances import DOUBTFUL_ASYMMETRY
 
 # Share of the total progress at which each stage begins. Distance rows take most of the time.
@@ -129,7 +130,13 @@ def _computed(
     surface: Surface, chosen: Parameters, count: int, report: ProgressCallback, threads: int | None
 ) -> Signature:
     """Compute the signature with `count` samples."""
+    with one_blas_thread(count):
+        return _steps(surface, chosen, count, report, threads)
 
+
+def _steps(
+    surface: Surface, chosen: Parameters, count: int, report: ProgressCallback, threads: int | None
+) -> Signature:
     def report_samples(made: int) -> None:
         share = _SAMPLING + made / count * (_GEODESICS - _SAMPLING)
         report(Progress("sampling", share, {"sample": made, "samples": count}))

@@ -92,8 +92,8 @@ _limits: list[Any] = []
 
 
 @contextmanager
-def one_blas_thread(size: int) -> Iterator[None]:
-    """Within this context, let BLAS use one thread for matrices of few rows; then restore the caller's setting.
+def one_blas_thread(size: int = 0) -> Iterator[None]:
+    """Within this context, let BLAS use one thread unless matrices have many rows; then restore the caller's setting.
 
     The threads of BLAS wait for each other by spinning. Beside other work on the same processors, that takes small
     matrices many times as long as the arithmetic does. The setting is one for the whole process.

@@ -20,6 +20,7 @@ from unbend.errors import ParameterError, check_choice
 from unbend.geodesics.distances import distance_rows
 from unbend.geodesics.stencils import stencils_of
 from unbend.mesh.surface import Surface
+from unbend.threads import one_blas_thread
 
 SAMPLES: Final = 300
 """Samples of each surface by default."""
@@ -91,6 +92,11 @@ def match(
     check_choice("orientation", orientation, get_args(Turn))
     if samples < _FEWEST:
         raise ParameterError(f"samples must be at least {_FEWEST}, not {samples}")
+    with one_blas_thread():  # sums of BLAS depend on the number of its threads
+        return _match(a, b, samples, orientation, part, threads)
+
+
+def _match(a: Surface, b: Surface, samples: int, orientation: Turn, part: Part, threads: int | None) -> Correspondence:
     piece = is_part(a, b, part)
     ours, theirs = _used(a), _used(b)
     if piece:

@@ -47,12 +47,17 @@ def summing(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function`, which takes and returns scalars, as a part of the kernels that call it.
+    """Compile `function` as a part of the kernels that call it; it makes no arrays, as in `borrowing`."""
+    return _compiled(function, forceinline=True, _nrt=False)
 
-    In inner loops, do not pass it arrays: Numba counts references to an array at each call, which costs more than the
-    arithmetic.
+
+def borrowing(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` like `kernel`, without counts of references to arrays.
+
+    It borrows the arrays of its caller, and neither makes nor returns any. Numba counts references atomically whenever
+    a function unpacks a tuple of arrays or passes an array on. In small steps that takes longer than the arithmetic.
     """
-    return _compiled(function, forceinline=True)
+    return _compiled(function, _nrt=False)
 
 
 def _compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from unbend.geodesics.unfolding import angle, apex, apex_beyond
-from unbend.jit import inlined, kernel
+from unbend.jit import borrowing, inlined
 from unbend.tolerances import SADDLE, START_EVENTS
 
 _CAPACITY: Final = 16 * START_EVENTS  # maximum number of events; if they run out, the radius is 0
@@ -41,7 +41,7 @@ def start_arrays(count: int) -> tuple[np.ndarray, ...]:
 _EVENTS, _WAITING, _SEEDS = range(3)  # the counters: events made, waiting in the heap, vertices reached
 
 
-@kernel
+@borrowing
 def start_front(mesh, source, enough, wanted, horizon, value, start):
     """Set `value` along shortest paths from `source`; return the number of vertices reached, and a radius.
 

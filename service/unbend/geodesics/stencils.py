@@ -30,7 +30,7 @@ from unbend.errors import MeshGeometryError
 from unbend.geodesics.halfedges import HalfEdges, half_edges_of, typical_length
 from unbend.geodesics.intrinsic import Intrinsic, intrinsic_triangulation
 from unbend.geodesics.unfolding import angle, apex, half_edge_lengths, vertex_behind
-from unbend.jit import kernel
+from unbend.jit import borrowing, kernel
 from unbend.mesh.surface import Surface
 from unbend.tolerances import DEGENERATE_BASE, LONGEST_EDGE, NEEDLE
 
@@ -262,7 +262,7 @@ def _count_blocks(mesh, starts, around, order, first):
         first[rank + 1] = first[rank] + (slots + SLOTS - 1) // SLOTS
 
 
-@kernel
+@borrowing
 def _slot_of(mesh, half_edge):
     """Return the slot of the corner C opposite `half_edge`: A, B, P and their coordinates.
 
@@ -287,7 +287,7 @@ def _slot_of(mesh, half_edge):
     return a, b, p, from_a, bx, by, px, py
 
 
-@kernel
+@borrowing
 def _fill(mesh, starts, around, order, place, first, corners, shapes, filled):
     faces, _, lengths, free = mesh
     nothing = len(order)
@@ -360,7 +360,7 @@ def _touched(mesh, changed, count):
     return touched
 
 
-@kernel
+@borrowing
 def _find(corners, block, size, a, b, p):
     """Return 2 if one of the first `size` slots has these corners, 1 if one has at least this A, otherwise 0."""
     found = 0

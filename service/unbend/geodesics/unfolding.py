@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unbend.jit import inlined, kernel
+from unbend.jit import borrowing, inlined, kernel
 from unbend.tolerances import DEGENERATE_BASE, UNFOLDING_STEPS
 
 
@@ -45,7 +45,7 @@ def half_edge_lengths(vertices, faces):
     return lengths
 
 
-@kernel
+@borrowing
 def vertex_behind(lengths, faces, twins, half_edge, ax, bx, by):
     """Unfold over `half_edge`, away from the corner C opposite it, to the first vertex P that is visible from C.
 

@@ -12,7 +12,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "database" not in metafunc.fixturenames:
         return
     known = getattr(metafunc.module, "DATABASES", ("sqlite", "postgresql"))
-    metafunc.parametrize("database", ["sqlite"] if "path" in metafunc.fixturenames else known)
+    chosen = ["sqlite"] if "path" in metafunc.fixturenames else known
+    metafunc.parametrize("database", chosen, scope="module")  # so that tests may share a library in each database
 
 
 @pytest.fixture

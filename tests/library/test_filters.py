@@ -26,11 +26,20 @@ def signatures():
     return [compute_signature(read_mesh(small_mesh(number)), FEW) for number in range(len(METADATA))]
 
 
-@pytest.fixture
-def filled(library):
+def fill(library: Library) -> None:
     for number, metadata in enumerate(METADATA):
         library.add(small_mesh(number), name=str(number), label="ab"[number % 2], metadata=metadata, parameters=FEW)
-    return library
+
+
+@pytest.fixture(scope="module")
+def filled(database, tmp_path_factory, request):
+    """A library in each database, which no test changes."""
+    url = str(tmp_path_factory.mktemp("filters") / "library.db")
+    if database == "postgresql":
+        url = request.getfixturevalue("postgres").copy(request.getfixturevalue("empty_postgres_library"))
+    with Library(url) as library:
+        fill(library)
+        yield library
 
 
 def named(ranking: Ranking) -> set[str]:
@@ -84,12 +93,13 @@ def test_a_search_cannot_ask_for_arrays_and_objects(filled, signatures):
             filled.rank(signatures[0], metadata={"x": value})
 
 
-def test_the_database_and_the_index_in_memory_give_the_same_answers(filled, signatures, url, database):
+def test_the_database_and_the_index_in_memory_give_the_same_answers(library, signatures, url, database):
+    fill(library)
     if database == "sqlite":
         with pytest.raises(ParameterError, match="search"):
             Library(url, search="disk")
         with pytest.raises(VectorsMissingError, match="SQLite"):
-            filled.search.prepare_vectors()
+            library.search.prepare_vectors()
         return
     with Library(url, search="database") as other:
         with pytest.raises(VectorsMissingError):
@@ -100,15 +110,15 @@ def test_the_database_and_the_index_in_memory_give_the_same_answers(filled, sign
             {}, {"label": "a"}, {"metadata": {"site": "north"}}, {"exact": True}, {"k": 2}, {"measure": "hausdorff"},
             {"classifier": "mean"}, {"classifier": "vote"}, {"measure": "moments"},
         ):  # fmt: skip
-            for query in (signatures[1], filled.page().items[1].id):
-                expected, found = filled.rank(query, **options), other.rank(query, **options)
+            for query in (signatures[1], library.page().items[1].id):
+                expected, found = library.rank(query, **options), other.rank(query, **options)
                 assert [match.id for match in found.shapes] == [match.id for match in expected.shapes]
                 assert found.known == expected.known
                 assert [(each.label, round(each.confidence, 5)) for each in found.classes] == [
                     (each.label, round(each.confidence, 5)) for each in expected.classes
                 ]
-        removed = filled.page().items[2].id
-        filled.remove(removed)
-        filled.add(small_mesh(9), name="9", parameters=FEW)
-        assert named(other.rank(signatures[0], k=20)) == named(filled.rank(signatures[0], k=20)) == set("013459")
+        removed = library.page().items[2].id
+        library.remove(removed)
+        library.add(small_mesh(9), name="9", parameters=FEW)
+        assert named(other.rank(signatures[0], k=20)) == named(library.rank(signatures[0], k=20)) == set("013459")
     assert {"nearest", "vote"} == FROM_CANDIDATES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sqlite3
 
@@ -429,19 +430,28 @@ def test_every_classifier_recognises_a_bent_sheet(filled, classifier):
     assert library.classify(query, classifier=classifier) == ranked.classes
 
 
-@pytest.mark.parametrize("measure", MEASURES)
-def test_answers_do_not_depend_on_the_order_of_the_library(tmp_path, measure):
+@pytest.fixture(scope="module")
+def in_both_orders(tmp_path_factory):
+    """Two libraries of the same shapes, which were added in opposite orders."""
     members = [*BENT.values(), *ROUND.values(), torus(columns=12, rows=8), torus(columns=10, rows=8)]
     labels = ["sheet"] * len(BENT) + ["sphere"] * len(ROUND) + ["torus"] * 2
+    shapes = list(enumerate(zip(members, labels, strict=True)))
+    with contextlib.ExitStack() as opened:
+        libraries = [opened.enter_context(Library(str(tmp_path_factory.mktemp("order") / "a.db"))) for _ in range(2)]
+        for library, ordered in zip(libraries, (shapes, shapes[::-1]), strict=True):
+            for name, (surface, label) in ordered:
+                library.add(ply(surface), name=str(name), label=label, parameters=FEW)
+        yield libraries
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_answers_do_not_depend_on_the_order_of_the_library(in_both_orders, measure):
     query = compute_signature(s_bend(**GRID), FEW)
     found = []
-    for way in (1, -1):
-        with Library(str(tmp_path / f"{way}.db")) as library:
-            for name, (surface, label) in list(enumerate(zip(members, labels, strict=True)))[::way]:
-                library.add(ply(surface), name=str(name), label=label, parameters=FEW)
-            reported = [library.rank(query, measure=measure, classifier=classifier, k=20) for classifier in CLASSIFIERS]
-            found.append([([(m.name, m.distance) for m in of.shapes], of.known) for of in reported])
-            found[-1] += [[(c.label, pytest.approx(c.confidence, rel=1e-9)) for c in of.classes] for of in reported]
+    for library in in_both_orders:
+        reported = [library.rank(query, measure=measure, classifier=classifier, k=20) for classifier in CLASSIFIERS]
+        found.append([([(m.name, m.distance) for m in of.shapes], of.known) for of in reported])
+        found[-1] += [[(c.label, pytest.approx(c.confidence, rel=1e-9)) for c in of.classes] for of in reported]
     assert found[0] == found[1]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,27 +28,26 @@ def seed() -> int | None:
     return 1 if settings().derandomize else None
 
 
-def check_report(report: Report, phases: Sequence[str]) -> None:
+def check_report(report: Report) -> None:
     """Check that a run found no failure and reached every operation."""
     assert not report.failed, report.output
-    assert {name: report.phases.get(name) for name in phases} == dict.fromkeys(phases, "success"), report.output
-    for phase in {"coverage", "fuzzing"}.intersection(phases):
+    assert {name: report.phases.get(name) for name in PHASES} == dict.fromkeys(PHASES, "success"), report.output
+    assert len(CHECK_NAMES) > 10
+    assert {name for name in CHECK_NAMES if not report.checks[name]} <= {"ignored_auth"}
+    for phase in ("coverage", "fuzzing"):
         assert report.operations <= {label for where, label in report.cases if where == phase}
     # Requests are random, so some operations on a shape may never have met an existing shape.
     of_shapes = {label for label in report.operations if "{shape_id}" in label}
     answered = {label for label in of_shapes if report.accepted[label]}
     assert 2 * len(answered) > len(of_shapes) > 5, report.accepted
+    assert report.longest >= 2
+    assert report.followed
 
 
 def test_a_service_without_keys_conforms_to_its_openapi_document(
     own_server: Server, tmp_path: Path, seed: int | None
 ) -> None:
-    report = run(own_server.url, tmp_path, examples=EXAMPLES, steps=STEPS, seed=seed)
-    check_report(report, PHASES)
-    assert len(CHECK_NAMES) > 10
-    assert {name for name in CHECK_NAMES if not report.checks[name]} <= {"ignored_auth"}
-    assert report.longest >= 2
-    assert report.followed
+    check_report(run(own_server.url, tmp_path, examples=EXAMPLES, steps=STEPS, seed=seed))
 
 
 def test_a_service_with_keys_conforms_to_its_openapi_document(
@@ -56,8 +55,6 @@ def test_a_service_with_keys_conforms_to_its_openapi_document(
 ) -> None:
     with Library(str(own_server.library)) as library:
         _, key = library.keys.create("schemathesis", "write")
-    # benchmarks/service/contract.py runs all phases with a key, too.
-    phases = ("examples", "fuzzing")
-    report = run(own_server.url, tmp_path, examples=EXAMPLES, steps=STEPS, seed=seed, key=key, phases=phases)
-    check_report(report, phases)
+    report = run(own_server.url, tmp_path, examples=EXAMPLES, steps=STEPS, seed=seed, key=key)
+    check_report(report)
     assert report.checks["ignored_auth"]

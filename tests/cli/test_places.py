@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.support.commands import failed_with_a_sentence, in_process, on_terminal, succeeded
-from tests.support.server import ENDLESS, SAMPLES, endless_mesh, ply, without_settings
+from tests.support.server import ENDLESS, SAMPLES, Server, endless_mesh, ply, without_settings
 from unbend import Client, Library, Parameters, read_mesh
 from unbend.cli.places import whole_id
 from unbend.errors import ParameterError
@@ -24,6 +24,13 @@ from unbend.render.picture import render_picture
 from unbend.render.request import PictureRequest
 
 NAMES = ("first", "second", "third")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A server for this module alone: its messages name the parameters that most of its shapes have."""
+    with Server(tmp_path_factory.mktemp("places")) as running:
+        yield running
 
 
 @pytest.fixture(params=["library", "url"])
@@ -205,7 +212,7 @@ def test_a_query_that_compares_with_nothing_says_why(place, tmp_path):
     asked = ["query", mesh, *where, "--samples", 23, "--seed", 5]
     for options in ([], ["--json"]):
         done = in_process(*asked, *options)
-        failed_with_a_sentence(done, "no shape compares with --samples 23", "the library has --samples ")
+        failed_with_a_sentence(done, "no shape compares with --samples 23", "--samples 40")
         assert "import its shapes with these" in done.stderr
     with Library(str(tmp_path / "empty.db")):
         pass
@@ -217,7 +224,7 @@ def test_a_query_that_compares_with_nothing_says_why(place, tmp_path):
 def test_an_evaluation_of_nothing_says_why(place, tmp_path):
     where, _ = place
     done = in_process("evaluate", *where, "--samples", 23, "--seed", 5)
-    failed_with_a_sentence(done, "no shape compares with --samples 23", "the library has --samples ")
+    failed_with_a_sentence(done, "no shape compares with --samples 23", "--samples 40")
     alone = ["--library", tmp_path / "alone.db"]
     mesh = tmp_path / "ring.ply"
     mesh.write_bytes(ply(torus(columns=10, rows=6)))

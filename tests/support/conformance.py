@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,6 @@ def run(
     steps: int,
     seed: int | None,
     key: str | None = None,
-    phases: Sequence[str] = PHASES,
     timeout: float = 3600,
 ) -> Report:
     """Test a server with schemathesis against the OpenAPI document that the server serves.
@@ -71,8 +70,6 @@ def run(
         Seed of the generated requests, which are reproducible except for ids from responses; None for a random seed.
     key : str, optional
         A key with write scope, if the server's library has keys: then every operation must require a key.
-    phases : sequence of str
-        Which of `PHASES` to run.
     """
     document = httpx.get(f"{url}/openapi.json").raise_for_status().json()
     if key:
@@ -83,7 +80,7 @@ def run(
     events = folder / "events.ndjson"
     command = [
         sys.executable, "-m", "schemathesis.cli", "--config-file", str(folder / "schemathesis.toml"), "run",
-        str(folder / "openapi.json"), "--url", url, "--max-examples", str(examples), "--phases", ",".join(phases),
+        str(folder / "openapi.json"), "--url", url, "--max-examples", str(examples), "--phases", ",".join(PHASES),
         "--report", "ndjson", "--report-ndjson-path", str(events), "--no-color",
     ]  # fmt: skip
     command += ["--seed", str(seed)] if seed is not None else []

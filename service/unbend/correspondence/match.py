@@ -34,6 +34,7 @@ _REFINED: Final = 2  # candidates that are grown on all vertices
 _REACH: Final = 2.0  # a vertex is searched within this many radii of both samplings around the image of its sample
 
 
+@one_blas_thread()  # sums of BLAS depend on the number of its threads
 def match(
     a: Surface,
     b: Surface,
@@ -92,11 +93,6 @@ def match(
     check_choice("orientation", orientation, get_args(Turn))
     if samples < _FEWEST:
         raise ParameterError(f"samples must be at least {_FEWEST}, not {samples}")
-    with one_blas_thread():  # sums of BLAS depend on the number of its threads
-        return _match(a, b, samples, orientation, part, threads)
-
-
-def _match(a: Surface, b: Surface, samples: int, orientation: Turn, part: Part, threads: int | None) -> Correspondence:
     piece = is_part(a, b, part)
     ours, theirs = _used(a), _used(b)
     if piece:

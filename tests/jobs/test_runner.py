@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import os
 import signal
 import time
@@ -609,5 +610,25 @@ def test_a_ticket_whose_return_the_database_interrupts_is_returned_again(postgre
                 await until_true(lambda: bool(postgres.execute(f"SELECT pid {waiting}")))
                 postgres.execute(f"SELECT pg_terminate_backend(pid) {waiting}")
             await until_true(lambda: rows(library, "procrastinate_jobs") == 0)
+
+        run_with(library, LIMITS, story)
+
+
+def test_late_news_of_a_job_do_not_lower_its_progress(postgres_url):
+    with Library(postgres_url) as library:
+
+        def announce(news: dict[str, object]) -> None:
+            with library.store.write() as connection:
+                connection.exec_driver_sql("SELECT pg_notify('unbend_jobs', %s)", (json.dumps(news),))
+
+        async def story(runner: JobRunner) -> None:
+            job_id = await queue(runner, ENDLESS, MANY)
+            reached = (await until(runner, job_id, computing)).progress
+            announce({"job": job_id, "state": "queued"})
+            announce({"job": job_id, "progress": {"stage": "starting"}})
+            announce({"worker": {"id": "another", "processes": 7, "running": 0}})
+            await until_true(lambda: runner.capacity[0] >= 7)  # whatever was announced before is heard
+            assert (await runner.status(job_id)).progress >= reached > 0
+            await runner.cancel(job_id)
 
         run_with(library, LIMITS, story)

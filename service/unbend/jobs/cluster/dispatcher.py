@@ -94,7 +94,7 @@ class ClusterDispatcher:
 
     async def start(self) -> None:
         """Start to listen for news, and to take tickets."""
-        self._news.start(self.check)
+        self._news.start(self.check, self._running.__contains__)
         self._tasks = [asyncio.create_task(self._execution.trim_history(), name="unbend history")]
         if self._pool.size:
             self._tasks.append(asyncio.create_task(self._take_tickets(), name="unbend dispatcher"))

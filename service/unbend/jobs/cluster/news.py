@@ -59,11 +59,19 @@ class News:
         self._has_unsent = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
-    def start(self, taken: Callable[[str], None]) -> None:
-        """Start to listen, and to publish progress; `taken` takes the id of a job that may run no longer."""
+    def start(self, taken: Callable[[str], None], runs: Callable[[str], bool]) -> None:
+        """Start to listen, and to publish progress.
+
+        Parameters
+        ----------
+        taken : callable
+            Takes the id of a job that may run no longer.
+        runs : callable
+            Returns whether this process runs a job. It then knows more of the job's progress than late news do.
+        """
         self._loop = asyncio.get_running_loop()
         self._tasks = [
-            asyncio.create_task(self._listen(taken), name="unbend news"),
+            asyncio.create_task(self._listen(taken, runs), name="unbend news"),
             asyncio.create_task(self._publish(), name="unbend progress"),
         ]
 
@@ -93,18 +101,18 @@ class News:
         if self._loop:
             self._loop.call_soon_threadsafe(self._has_unsent.set)
 
-    async def _listen(self, taken: Callable[[str], None]) -> None:
+    async def _listen(self, taken: Callable[[str], None], runs: Callable[[str], bool]) -> None:
         while True:
             with contextlib.suppress(Error):
                 async with await AsyncConnection.connect(**self._connecting, autocommit=True) as connection:
                     await connection.execute(_LISTEN)
                     self._subscriptions.notify_all()  # of whatever was announced while this process did not listen
                     async for each in connection.notifies():
-                        self._hear(each.payload, taken)
+                        self._hear(each.payload, taken, runs)
             logger.warning("the connection for news of jobs was lost; trying again")
             await asyncio.sleep(RETRY_SECONDS)
 
-    def _hear(self, payload: str, taken: Callable[[str], None]) -> None:
+    def _hear(self, payload: str, taken: Callable[[str], None], runs: Callable[[str], bool]) -> None:
         heard = json.loads(payload)
         if "worker" in heard:
             worker = WorkerNews(**heard["worker"])
@@ -112,9 +120,10 @@ class News:
             return
         job_id = heard["job"]
         if "progress" in heard:
-            self._subscriptions.report(job_id, Progress(**heard["progress"]))
+            if not runs(job_id):
+                self._subscriptions.report(job_id, Progress(**heard["progress"]))
             return
-        if heard["state"] != "running":
+        if heard["state"] != "running" and not runs(job_id):
             self._subscriptions.discard(job_id)
         self._subscriptions.notify_state(job_id)
         if heard["state"] in _TAKEN_AWAY:
